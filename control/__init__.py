@@ -1,8 +1,9 @@
 """Controllers of the grip force: F = u + Kp·e + Ki·Σe·T, e = Γ_des − Γ, and others."""
 
 from .controllers import ConservativeControl, Controller, ReactToSlip, SafetyMarginControl
+from .grip_first import DoubtSettings
 from .limit_surface import LimitSurfaceControl
-from .margin_inversion import MarginInversion
+from .margin_inversion import InversionSettings, MarginInversion
 from .settings import (
     PRINTED_SETTINGS,
     ConservativeSettings,
@@ -12,6 +13,7 @@ from .settings import (
     ReactToSlipSettings,
     SafetyMarginSettings,
 )
+from .sliding import SlidingSettings
 from .values import GripCommand, GripObservation
 
 __all__ = [
@@ -19,9 +21,11 @@ __all__ = [
     "ConservativeControl",
     "ConservativeSettings",
     "Controller",
+    "DoubtSettings",
     "GripCommand",
     "GripFirstSettings",
     "GripObservation",
+    "InversionSettings",
     "LimitSurfaceControl",
     "LimitSurfaceSettings",
     "MarginInversion",
@@ -30,4 +34,5 @@ __all__ = [
     "ReactToSlipSettings",
     "SafetyMarginControl",
     "SafetyMarginSettings",
+    "SlidingSettings",
 ]

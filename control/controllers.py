@@ -4,7 +4,7 @@ import math
 from collections import deque
 from typing import Protocol
 
-from .grip_first import GripFirst
+from .grip_first import DoubtSettings, GripFirst
 from .settings import ConservativeSettings, ReactToSlipSettings, SafetyMarginSettings
 from .values import GripCommand, GripObservation
 
@@ -28,9 +28,11 @@ class SafetyMarginControl:
     the same.
     """
 
-    def __init__(self, settings: SafetyMarginSettings) -> None:
+    def __init__(
+        self, settings: SafetyMarginSettings, doubt: DoubtSettings = DoubtSettings()
+    ) -> None:
         self.settings = settings
-        self._grip_first = GripFirst(settings.grip_first)
+        self._grip_first = GripFirst(settings.grip_first, doubt)
         self.reset()
 
     def reset(self) -> None:
@@ -85,9 +87,11 @@ class ReactToSlip:
     rises to the least grip in doubt, see `GripFirst`.
     """
 
-    def __init__(self, settings: ReactToSlipSettings) -> None:
+    def __init__(
+        self, settings: ReactToSlipSettings, doubt: DoubtSettings = DoubtSettings()
+    ) -> None:
         self.settings = settings
-        self._grip_first = GripFirst(settings.grip_first)
+        self._grip_first = GripFirst(settings.grip_first, doubt)
         self.reset()
 
     def reset(self) -> None:

@@ -5,33 +5,53 @@ More grip settles the doubt: friction that holds stays as it is, and Γ rises.
 """
 
 import math
+from dataclasses import dataclass
 
 from .settings import GripFirstSettings
-from .sliding import FollowingFriction
+from .sliding import FollowingFriction, SlidingSettings
 from .values import GripObservation
 
-#: The rise is the fastest where the lower end of Γ is by this much below the sliding margin.
-FULL_DOUBT = 0.05
-#: Growth of the grip there, beside what the lower end asks for: at first, and added after a while …
-GROWTH = (0.35, 0.65)
-#: … which it reaches after so long, so that a slip that one rise ends is not answered with two [s].
-GROWTH_S = 0.1
-#: Γ that is kept at least against friction at which the object was seen to slide.
-SLID_MARGIN = 0.15
-#: Lower end of Γ below which friction that follows the grip is taken for sliding.
-NEAR_MARGIN = 0.2
-#: Friction is compared with the grip where it is more than so many of its standard deviations.
-CERTAIN = 3.0
-#: The rise in a frame is that of such a period at most, however long none came [s].
-LONGEST_PERIOD_S = 0.1
-#: Time constant with which the least grip falls [s].
-RELEASE_S = 0.1
+
+@dataclass(frozen=True, kw_only=True)
+class DoubtSettings:
+    """Tuned numbers of `GripFirst`.
+
+    Attributes
+    ----------
+    full_doubt: distance of the lower end of Γ below the sliding margin at which the rise is fastest
+    growth: relative growth of the grip there, in addition to what the lower end of Γ demands
+    later_growth: increase of that growth over `growth_s`: one rise may end a slip, and needs no
+        second one
+    growth_s: time over which the growth increases [s]
+    slid_margin: smallest Γ kept against friction at which the object slid
+    near_margin: lower end of Γ below which friction that follows the grip counts as sliding
+    certain: number of its standard deviations above which friction is compared with the grip
+    longest_period_s: longest time between frames that the rise counts [s]
+    release_s: time constant with which the least grip falls [s]
+    sliding: comparison of friction with the grip
+    """
+
+    full_doubt: float = 0.05
+    growth: float = 0.35
+    later_growth: float = 0.65
+    growth_s: float = 0.1
+    slid_margin: float = 0.15
+    near_margin: float = 0.2
+    certain: float = 3.0
+    longest_period_s: float = 0.1
+    release_s: float = 0.1
+    sliding: SlidingSettings = SlidingSettings()
 
 
 class GripFirst:
-    """Follows the frames of a grasp, and says between which grip forces the next command may lie.
+    """Follows the frames of a grasp, and bounds the grip force of the next command.
 
-    Where the lateral displacement is known, sliding is seen, and there is no doubt.
+    Where the lateral displacement is known, sliding is observed, and there is no doubt.
+
+    Parameters
+    ----------
+    settings: of the scene
+    doubt: tuned numbers
 
     Attributes
     ----------
@@ -40,9 +60,9 @@ class GripFirst:
         below the last command
     """
 
-    def __init__(self, settings: GripFirstSettings) -> None:
-        self.settings = settings
-        self._friction = FollowingFriction()
+    def __init__(self, settings: GripFirstSettings, doubt: DoubtSettings = DoubtSettings()) -> None:
+        self.settings, self._doubt = settings, doubt
+        self._friction = FollowingFriction(doubt.sliding)
         self.reset()
 
     def reset(self) -> None:
@@ -66,7 +86,7 @@ class GripFirst:
             return
         period = 0.0 if math.isnan(self._time) else observation.time - self._time
         self._time = observation.time
-        rise = self.settings.rise_n_per_s * min(period, LONGEST_PERIOD_S)
+        rise = self.settings.rise_n_per_s * min(period, self._doubt.longest_period_s)
         if observation.no_estimate:
             self._see_nothing(observation.time, force, rise)
         else:
@@ -87,6 +107,7 @@ class GripFirst:
         self, observation: GripObservation, force: float, rise: float, period: float
     ) -> None:
         """Raise the least grip to what the interval of Γ asks for at once, and lower it slowly."""
+        doubt = self._doubt
         lower = lower_margin(observation)
         if math.isnan(lower):  # nothing touches
             self._friction.reset()
@@ -94,8 +115,8 @@ class GripFirst:
             return
         field, time = observation.field, observation.time
         # An exact Γ needs no second opinion.
-        near = lower < min(NEAR_MARGIN, observation.margin)
-        certain = field.total_friction > CERTAIN * math.sqrt(
+        near = lower < min(doubt.near_margin, observation.margin)
+        certain = field.total_friction > doubt.certain * math.sqrt(
             max(field.totals_covariance[1, 1], 0.0)
         )
         friction = field.total_friction if certain else 0.0
@@ -113,8 +134,8 @@ class GripFirst:
             self._doubt_since = observation.time
         need = self._need(observation, lower)
         if self.doubt:
-            need = max(need, force + _share_of_doubt(missing) * rise)
-        fall = 1.0 - math.exp(-period / RELEASE_S)
+            need = max(need, force + _share_of_doubt(missing, doubt.full_doubt) * rise)
+        fall = 1.0 - math.exp(-period / doubt.release_s)
         self.least += (need - self.least) * (1.0 if need > self.least else fall)
 
     def _need(self, observation: GripObservation, lower: float) -> float:
@@ -123,21 +144,27 @@ class GripFirst:
         It is solved like Γ itself, with the friction and the relative errors of this frame. A
         sliding object shows no more friction than there is, so that the answer is too low there.
         """
+        doubt = self._doubt
         margin = self.settings.sliding_margin
         need = observation.field.total_normal * (1.0 - lower) / (1.0 - margin)
         if self.doubt:
-            at_first, later = GROWTH
-            growth = at_first + later * grown(observation.time - self._doubt_since)
-            need *= 1.0 + growth * _share_of_doubt(margin - lower)
+            share = grown(observation.time - self._doubt_since, doubt.growth_s)
+            growth = doubt.growth + doubt.later_growth * share
+            need *= 1.0 + growth * _share_of_doubt(margin - lower, doubt.full_doubt)
         if math.isnan(self._friction.slid_ratio):
             return need
         slid = observation.field.total_friction / self._friction.slid_ratio
-        return max(need, slid / (1.0 - SLID_MARGIN))
+        return max(need, slid / (1.0 - doubt.slid_margin))
 
 
-def grown(time: float) -> float:
-    """Share of the growth that is reached when an object may have slid for this time [s]."""
-    return min(time / GROWTH_S, 1.0)
+def grown(time: float, growth_s: float) -> float:
+    """Share of the growth that is reached when an object may have slid for this time [s].
+
+    Parameters
+    ----------
+    growth_s: time over which the growth increases [s]
+    """
+    return min(time / growth_s, 1.0)
 
 
 def lower_margin(observation: GripObservation) -> float:
@@ -149,6 +176,6 @@ def lower_margin(observation: GripObservation) -> float:
     return max(observation.margin if math.isnan(lower) else lower, 0.0)
 
 
-def _share_of_doubt(missing: float) -> float:
-    """From 0, where sliding is excluded, to 1 where that much is missing or more."""
-    return min(max(missing / FULL_DOUBT, 0.0), 1.0)
+def _share_of_doubt(missing: float, full: float) -> float:
+    """From 0, where sliding is excluded, to 1 where `full` or more is missing."""
+    return min(max(missing / full, 0.0), 1.0)

@@ -8,16 +8,12 @@ one limit surface, here an ellipsoid: (pull)² + (twist)² = 1, each over what i
 import math
 from collections import deque
 
-from .margin_inversion import MarginInversion
+from .margin_inversion import InversionSettings, MarginInversion
 from .settings import LimitSurfaceSettings
 from .values import GripObservation
 
 #: Power of the grip with which a contact of Hertz bears torsion.
 TORSION_POWER = 4.0 / 3.0
-#: How many times the largest torsion seen a swing may come to.
-_FARTHER = 1.2
-#: Newton's rounds for the grip: it converges from one side, in three or four.
-_ROUNDS = 6
 
 
 class LimitSurfaceControl(MarginInversion):
@@ -29,10 +25,12 @@ class LimitSurfaceControl(MarginInversion):
     torsion, and the object swings on.
     """
 
-    def __init__(self, settings: LimitSurfaceSettings) -> None:
+    def __init__(
+        self, settings: LimitSurfaceSettings, tuned: InversionSettings = InversionSettings()
+    ) -> None:
         self._twists: deque[tuple[float, float]] = deque()
         self._lead, self._rise = settings.lead_s, settings.rise_s
-        super().__init__(settings)
+        super().__init__(settings, tuned)
 
     def reset(self) -> None:
         """Forget load, friction and noise."""
@@ -74,7 +72,7 @@ class LimitSurfaceControl(MarginInversion):
             rise = max(twist - twists[0][1], 0.0) / (time - twists[0][0])
         twists.append((time, twist))
         ahead = twist + self._lead * rise
-        known = _FARTHER * self._peak
+        known = 1.2 * self._peak  # tuned
         return ahead if twist > known else min(ahead, known)
 
 
@@ -90,7 +88,8 @@ def grip_factor(pull: float, turn: float, allowed: float) -> float:
     power = 2.0 * TORSION_POWER
     # In log s the left side is convex and falls: from here it is met from above.
     x = 0.5 * math.log(max(a, b ** (1.0 / TORSION_POWER)))
-    for _ in range(_ROUNDS):
+    # Newton's method converges from one side, in three or four rounds.
+    for _ in range(6):
         first, second = a * math.exp(-2.0 * x), b * math.exp(-power * x)
         x += (first + second - 1.0) / (2.0 * first + power * second)
     return math.exp(x)

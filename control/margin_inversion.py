@@ -5,21 +5,34 @@ no gain, so that a delay does not make the grip oscillate.
 """
 
 import math
+from dataclasses import dataclass
 
-from .grip_first import GripFirst, grown
+from .grip_first import DoubtSettings, GripFirst, grown
 from .settings import MarginInversionSettings
 from .values import GripCommand, GripObservation
 
 #: Standard deviations from the middle to an end of an observation's 90 % intervals.
 Z90 = 1.645
-#: Smallest µ that is used, because estimates are too low while µ is not observable.
-LEAST_FRICTION = 0.1
-#: Share by which skin that sticks makes the estimate of µ too low at most, beside its deviation.
-STICKING_ERROR = 0.1
-#: A change of more than this many times the usual size of changes is not noise.
-UNUSUAL_CHANGE = 4.0
-#: Time constant of the average that is the usual size of changes [s].
-NOISE_MEMORY_S = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class InversionSettings:
+    """Tuned numbers of `MarginInversion`.
+
+    Attributes
+    ----------
+    least_friction: smallest µ that is used; estimates are too low while µ is not observable
+    sticking_error: relative error of the estimate of µ that sticking skin causes at most
+    unusual_change: number of usual changes of the needed grip above which a change is not noise
+    noise_memory_s: time constant of the average that is the usual change [s]
+    doubt: least grip in doubt
+    """
+
+    least_friction: float = 0.1
+    sticking_error: float = 0.1
+    unusual_change: float = 4.0
+    noise_memory_s: float = 0.5
+    doubt: DoubtSettings = DoubtSettings()
 
 
 class MarginInversion:
@@ -30,11 +43,18 @@ class MarginInversion:
     Therefore the cautious µ falls only while Γ shows that the skin slips, or as far as the estimate
     contradicts it. The command is never below the least grip in doubt, see `GripFirst`: without
     that, friction that follows the grip of a sliding object would let the grip fall with it.
+
+    Parameters
+    ----------
+    settings: of the scene
+    tuned: further numbers
     """
 
-    def __init__(self, settings: MarginInversionSettings) -> None:
-        self.settings = settings
-        self._grip_first = GripFirst(settings.grip_first)
+    def __init__(
+        self, settings: MarginInversionSettings, tuned: InversionSettings = InversionSettings()
+    ) -> None:
+        self.settings, self._tuned = settings, tuned
+        self._grip_first = GripFirst(settings.grip_first, tuned.doubt)
         self.reset()
 
     def reset(self) -> None:
@@ -74,7 +94,8 @@ class MarginInversion:
             return need
         if math.isnan(self._slips_since):
             self._slips_since = observation.time
-        return need * (1.0 + (settings.surge - 1.0) * grown(observation.time - self._slips_since))
+        share = grown(observation.time - self._slips_since, self._tuned.doubt.growth_s)
+        return need * (1.0 + (settings.surge - 1.0) * share)
 
     def _grip(self, observation: GripObservation, friction: float) -> float:
         """Grip force at which the estimated load has the desired margin with this µ."""
@@ -82,26 +103,28 @@ class MarginInversion:
 
     def _cautious_friction(self, observation: GripObservation) -> float:
         """µ that the command is calculated with."""
+        tuned = self._tuned
         low = observation.friction_interval[0]
         deviation = 0.0 if math.isnan(low) else (observation.friction - low) / Z90
-        bound = max(observation.friction - self.settings.caution * deviation, LEAST_FRICTION)
+        bound = max(observation.friction - self.settings.caution * deviation, tuned.least_friction)
         if not observation.friction_observable:
             return bound
         slips = observation.margin < self.settings.slip_margin
         if slips or not self._friction > bound:
             self._friction = bound
-        error = max(deviation, STICKING_ERROR * observation.friction)
+        error = max(deviation, tuned.sticking_error * observation.friction)
         highest = observation.friction + self.settings.tolerance * error
-        self._friction = min(self._friction, max(highest, LEAST_FRICTION))
+        self._friction = min(self._friction, max(highest, tuned.least_friction))
         return self._friction
 
     def _follow(self, need: float, period: float) -> None:
         """Move the grip to the needed force: at once after a large change, else slowly."""
+        tuned = self._tuned
         settings = self.settings
-        small = max(settings.band * self._force, UNUSUAL_CHANGE * self._noise)
+        small = max(settings.band * self._force, tuned.unusual_change * self._noise)
         jump = 0.0 if math.isnan(self._need) else abs(need - self._need)
         self._need = need
-        self._noise += _share(period, NOISE_MEMORY_S) * (min(jump, small) - self._noise)
+        self._noise += _share(period, tuned.noise_memory_s) * (min(jump, small) - self._noise)
         change = need - self._force
         if abs(change) <= small:
             change *= _share(period, settings.smoothing_s)

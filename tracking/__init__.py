@@ -25,12 +25,15 @@ from .forces import (
     RECONSTRUCTORS,
     THESIS_RULE,
     Z90,
+    ContactSettings,
     DisplacementGains,
     FrictionEstimate,
     FrictionRule,
+    FrictionSettings,
     NoEstimateError,
     Reconstructor,
     SensorCalibration,
+    TractionSettings,
     check_reconstructor,
     core_quantile,
     load_calibration,
@@ -40,10 +43,17 @@ from .forces import (
     sensor_as_designed,
     shipped_readout,
 )
-from .forces.chain import MIN_MARKERS, ForcePrior, GaussianProcess
-from .learned_palette import learn_palette
+from .forces.chain import (
+    MIN_MARKERS,
+    ForcePrior,
+    GaussianProcess,
+    GaussianProcessSettings,
+    LearnedSettings,
+    StiffnessSettings,
+)
+from .learned_palette import PaletteSettings, learn_palette
 from .palette import AUTO_PALETTE, DEFAULT_PALETTE, Palette, load_palette, palette_names
-from .sighting import Sighting, sight
+from .sighting import Sighting, SightSettings, sight
 from .trackers import DEFAULT_TRACKER, TRACKERS, Tracker, load_tracker, tracker_names
 from .tracks import Tracks
 from .unmixing import dye_densities, unmixing_matrix
@@ -62,22 +72,30 @@ __all__ = [
     "THESIS_RULE",
     "TRACKERS",
     "Z90",
+    "ContactSettings",
     "DisplacementGains",
     "FitSettings",
     "ForcePrior",
     "FrictionEstimate",
     "FrictionRule",
+    "FrictionSettings",
     "GaussianProcess",
+    "GaussianProcessSettings",
+    "LearnedSettings",
     "MarkerTracker",
     "Markers",
     "NoEstimateError",
     "Palette",
+    "PaletteSettings",
     "Reconstructor",
     "RestFrame",
     "SensorCalibration",
+    "SightSettings",
     "Sighting",
+    "StiffnessSettings",
     "Tracker",
     "Tracks",
+    "TractionSettings",
     "check_reconstructor",
     "core_quantile",
     "detect_markers",

@@ -29,13 +29,6 @@ Single = NDArray[np.float32]
 #: sRGB levels: of one picture, or the mean of many.
 Levels = NDArray[np.uint8] | Array
 
-#: Share of the pixels of any sensor that certainly shows ground.
-_GROUND_SHARE = 0.3
-#: Linear light of the ground inside the field, at least: 0 stands for what is outside it.
-_LEAST_GROUND = 1e-5
-#: Shorter side of an image, at least: a smaller one has no room for markers and ground [px].
-_SMALLEST_IMAGE = 16
-
 
 @dataclass(frozen=True, kw_only=True)
 class Markers:
@@ -107,7 +100,8 @@ def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) ->
     linear = decode_srgb(levels).astype(np.float32)
     field = rest.ground[..., 0] > 0.0
     ground = np.where(field[..., None], rest.ground, 1.0).astype(np.float32)
-    share = 100.0 * (_GROUND_SHARE if palette.bright else 1.0 - _GROUND_SHARE)
+    ground_share = 0.3  # of the plain pixels that certainly is ground
+    share = 100.0 * (ground_share if palette.bright else 1.0 - ground_share)
     ground *= np.percentile(linear[field] / ground[field], share, axis=0).astype(np.float32)
     matrix = unmixing_matrix(palette.transmittance)
     plain = plain_pixels(dye_densities(linear, ground, matrix) * field, field, 2)
@@ -165,7 +159,7 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
     pitch = float(np.median(np.asarray(near)[:, 1])) if len(first) > 1 else float(4 * radius[0])
     frame = RestFrame(
         image=mean,
-        ground=np.where(field[..., None], np.maximum(ground, _LEAST_GROUND), 0.0).astype(float),
+        ground=np.where(field[..., None], np.maximum(ground, 1e-5), 0.0).astype(float),
         position=position,
         radius=radius,
         shapes=_shapes(layers, position),
@@ -303,10 +297,8 @@ def _markers(spots: list[Spots], levels: Array, ratio: Single, palette: Palette)
 def _check_image(levels: Array, palette: Palette) -> None:
     if levels.ndim != 3 or levels.shape[2] != 3:
         raise UserError(f"image has shape {levels.shape}, expected (height, width, 3)")
-    if min(levels.shape[:2]) < _SMALLEST_IMAGE:
-        raise UserError(
-            f"image has shape {levels.shape}, expected {_SMALLEST_IMAGE} pixels or more a side"
-        )
+    if min(levels.shape[:2]) < 16:
+        raise UserError(f"image has shape {levels.shape}, expected 16 pixels or more a side")
     sensor = palette.sensor
     if sensor is not None and levels.shape[:2] != (sensor.view.height, sensor.view.width):
         raise UserError(
@@ -352,7 +344,7 @@ def _hue(colour: Array) -> Array:
 
 
 def _loaded(rest: RestFrame) -> str:
-    """Where layers are locally out of register, which a load does; empty where they are not.
+    """Places where layers are locally out of register, as under a load; empty if there are none.
 
     A misplaced layer is out of register smoothly over the whole image; a load is so only where it
     acts.

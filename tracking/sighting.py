@@ -1,4 +1,4 @@
-"""Where markers are in a picture of any sensor: found by what all markers have in common.
+"""Places of markers in a picture of any sensor, found by what all markers have in common.
 
 Markers are round spots of one sign of contrast, as large as their neighbours, on ground that is
 smoother than they are strong, and they keep their distances. Colours, sizes and the sensor's place
@@ -19,43 +19,58 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
-#: Larger pictures are reduced to this many pixels on the longer side to look for markers.
-_LOOKED_AT = 1280
-#: Shorter side of a picture that has room for markers and ground, at least [px].
-_SMALLEST_SIDE = 16
-#: Blur before regions are sought, so that noise does not tear them [px].
-_CALM = 0.7
-#: Grey levels over which a region must be stable.
-_STABLE = 6
-#: Pixels of a marker, at least, and share of the picture that it covers, at most.
-_SMALLEST, _LARGEST = 9, 1.0 / 25.0
-#: Least area of a region over that of its ellipse of inertia, and largest ratio of its axes.
-_FILLED, _LONGEST = 0.87, 2.5
-#: Regions whose centres are within this many radii, and whose areas differ by no more than this
-#: factor, are one spot at several thresholds.
-_SAME_CENTRE, _SAME_AREA = 0.6, 2.5
-#: Least contrast of a spot [grey levels].
-_FAINTEST = 8.0
-#: Neighbours differ in area and in contrast by no more than these factors …
-_AS_LARGE, _AS_STRONG = 4.5, 2.5
-#: … and are no further apart than this many radii of the larger.
-_FURTHEST = 8.0
-#: Neighbours that are looked at.
-_NEIGHBOURS = 8
-#: Markers that make a pattern, at least.
-_FEWEST = 11
-#: Least contrast over the deviation of the light inside and around a spot, in the median.
-_CLEAR = 4.0
-#: Largest standard deviation of the distance to the nearest neighbour, over its mean. That of
-#: points anywhere is 0.52.
-_UNEVEN = 0.3
-#: Largest standard deviation of the logarithm of their areas. That of radii anywhere within a
-#: factor of two is 0.4.
-_UNLIKE = 0.65
-#: Least standard deviation of their places across the longest way, over that distance.
-_ROW = 0.6
-#: The field ends at this share of the typical distance from the outermost markers.
-_MARGIN = 0.75
+
+@dataclass(frozen=True, kw_only=True)
+class SightSettings:
+    """Tuned numbers of `sight`.
+
+    Attributes
+    ----------
+    longest_side: longer side to which larger pictures are reduced [px]
+    smallest_side: shorter side that has room for markers and ground [px]
+    calm: blur before regions are sought, so that noise does not tear them [px]
+    stable: number of grey levels over which a region must be stable
+    smallest_pixels: smallest area of a marker [px²]
+    largest_share: largest share of the picture that a marker covers
+    filled: smallest area of a region over that of its ellipse of inertia
+    longest: largest ratio of the axes of that ellipse
+    same_centre: distance below which regions are one spot at several thresholds [radii]
+    same_area: factor between the areas of such regions
+    faintest: smallest contrast of a spot [grey levels]
+    as_large, as_strong: largest factors between the areas and the contrasts of neighbours
+    furthest: largest distance of neighbours [radii of the larger]
+    neighbours: number of neighbours that are compared
+    fewest: number of markers below which there is no pattern
+    clear: smallest median contrast over the deviation of the light inside and around a spot
+    uneven: largest deviation of the distance to the nearest neighbour over its mean; that of random
+        points is 0.52
+    unlike: largest deviation of the logarithm of the areas; that of random radii within a factor of
+        two is 0.4
+    row: smallest deviation of the places across the longest way, over that distance
+    margin: distance of the edge of the field from the outermost markers, over the typical one
+    """
+
+    longest_side: int = 1280
+    smallest_side: int = 16
+    calm: float = 0.7
+    stable: int = 6
+    smallest_pixels: int = 9
+    largest_share: float = 1.0 / 25.0
+    filled: float = 0.87
+    longest: float = 2.5
+    same_centre: float = 0.6
+    same_area: float = 2.5
+    faintest: float = 8.0
+    as_large: float = 4.5
+    as_strong: float = 2.5
+    furthest: float = 8.0
+    neighbours: int = 8
+    fewest: int = 11
+    clear: float = 4.0
+    uneven: float = 0.3
+    unlike: float = 0.65
+    row: float = 0.6
+    margin: float = 0.75
 
 
 class Spots(NamedTuple):
@@ -101,7 +116,9 @@ class Sighting:
     pitch: float
 
 
-def sight(image: Image, within: Mask | None = None) -> Sighting:
+def sight(
+    image: Image, within: Mask | None = None, settings: SightSettings = SightSettings()
+) -> Sighting:
     """Find the markers of any sensor in a picture.
 
     Parameters
@@ -114,26 +131,27 @@ def sight(image: Image, within: Mask | None = None) -> Sighting:
     UserError
         When nothing in it repeats like markers.
     """
-    if min(image.shape[:2]) < _SMALLEST_SIDE:
+    if min(image.shape[:2]) < settings.smallest_side:
         raise UserError(
             f"the picture has {image.shape[1]}×{image.shape[0]} pixels; wanted: "
-            f"{_SMALLEST_SIDE} or more a side"
+            f"{settings.smallest_side} or more a side"
         )
-    scale = max(1.0, max(image.shape[:2]) / _LOOKED_AT)
+    scale = max(1.0, max(image.shape[:2]) / settings.longest_side)
     size = tuple(round(side / scale) for side in image.shape[1::-1])
     small = image
     if scale > 1.0:
         reduced = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         small = np.asarray(reduced, dtype=np.uint8)
-    found = [spots for channel in _channels(small) for spots in _patterns(small, channel)]
+    channels = _channels(small, settings.faintest)
+    found = [spots for channel in channels for spots in _patterns(small, channel, settings)]
     if within is not None:
         found = [_inside(spots, within, scale) for spots in found]
-    found = [s for s in found if _is_pattern(s)]
+    found = [s for s in found if _is_pattern(s, settings)]
     if not found:
         raise UserError("no regular marker pattern found in the picture")
     best = max(found, key=lambda s: len(s.area) * s.clear)
     alike = [s for s in found if s.bright == best.bright]
-    middle, half = (scale - 1.0) / 2.0, _MARGIN * best.pitch * scale
+    middle, half = (scale - 1.0) / 2.0, settings.margin * best.pitch * scale
     places = np.concatenate([s.position * scale + middle for s in alike])
     radius = scale * np.sqrt(np.concatenate([s.area for s in alike]) / np.pi)
     field = _around(places, half, image.shape[:2])
@@ -147,22 +165,22 @@ def sight(image: Image, within: Mask | None = None) -> Sighting:
     )
 
 
-def _channels(image: Image) -> list[int]:
+def _channels(image: Image, faintest: float) -> list[int]:
     """Channels that differ: all three, or one of a grey picture."""
     spread = np.percentile(np.ptp(image[::2, ::2].astype(np.int16), axis=2), 99.5)
-    return [1] if spread < _FAINTEST else [0, 1, 2]
+    return [1] if spread < faintest else [0, 1, 2]
 
 
-def _patterns(image: Image, channel: int) -> list[Spots]:
+def _patterns(image: Image, channel: int, settings: SightSettings) -> list[Spots]:
     """The largest group of alike spots of each sign in a channel."""
     light = np.ascontiguousarray(image[..., channel])
-    position, area = _regions(light)
+    position, area = _regions(light, settings)
     contrast, rough = _contrasts(light, position, area)
     found = []
     for bright in (False, True):
-        some = contrast > _FAINTEST if bright else contrast < -_FAINTEST
-        some[some] = _alike(position[some], area[some], abs(contrast[some]))
-        if some.sum() < _FEWEST:
+        some = contrast > settings.faintest if bright else contrast < -settings.faintest
+        some[some] = _alike(position[some], area[some], abs(contrast[some]), settings)
+        if some.sum() < settings.fewest:
             continue
         clear = float(np.median(abs(contrast[some]) / rough[some]))
         found.append(Spots(channel, bright, position[some], area[some], clear, 0.0))
@@ -178,15 +196,16 @@ def _nearest(position: Array) -> Array:
     return np.asarray(scipy.spatial.KDTree(position).query(position, k=2)[0])[:, 1]
 
 
-def _is_pattern(spots: Spots) -> bool:
+def _is_pattern(spots: Spots, settings: SightSettings) -> bool:
     """Whether spots stand out clearly, keep their distances and are of one kind of size."""
-    if len(spots.area) < _FEWEST or spots.clear < _CLEAR:
+    if len(spots.area) < settings.fewest or spots.clear < settings.clear:
         return False
     apart = _nearest(spots.position)
     # Markers cover a surface; letters of a kind stand in a row.
     narrow = np.sqrt(np.linalg.eigvalsh(np.cov(spots.position.T))[0])
-    even = apart.std() < _UNEVEN * apart.mean() and np.log(spots.area).std() < _UNLIKE
-    return bool(even and narrow > _ROW * spots.pitch)
+    even = apart.std() < settings.uneven * apart.mean()
+    even = even and np.log(spots.area).std() < settings.unlike
+    return bool(even and narrow > settings.row * spots.pitch)
 
 
 def _inside(spots: Spots, within: Mask, scale: float) -> Spots:
@@ -199,10 +218,11 @@ def _inside(spots: Spots, within: Mask, scale: float) -> Spots:
     return spots._replace(position=position, area=spots.area[some], pitch=_pitch(position))
 
 
-def _regions(light: Image) -> tuple[Array, Array]:
+def _regions(light: Image, settings: SightSettings) -> tuple[Array, Array]:
     """Centres (n, 2) and areas (n,) of round regions that are stable over thresholds."""
-    calm = np.asarray(cv2.GaussianBlur(light, (0, 0), _CALM))
-    mser = cv2.MSER.create(_STABLE, _SMALLEST, int(_LARGEST * light.size), 0.5, 0.2)
+    calm = np.asarray(cv2.GaussianBlur(light, (0, 0), settings.calm))
+    largest = int(settings.largest_share * light.size)
+    mser = cv2.MSER.create(settings.stable, settings.smallest_pixels, largest, 0.5, 0.2)
     regions: Any = mser.detectRegions(calm)[0]
     if len(regions) == 0:
         return np.empty((0, 2)), np.empty(0)
@@ -219,24 +239,25 @@ def _regions(light: Image) -> tuple[Array, Array]:
     xx, yy, xy = mean(x * x) + 1.0 / 12.0, mean(y * y) + 1.0 / 12.0, mean(x * y)
     middle, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     long, short = middle + apart, np.maximum(middle - apart, 1e-9)
-    round_ = (area > _FILLED * 4.0 * np.pi * np.sqrt(long * short)) & (long < _LONGEST**2 * short)
+    filled = area > settings.filled * 4.0 * np.pi * np.sqrt(long * short)
+    round_ = filled & (long < settings.longest**2 * short)
     centre, area = centre[round_], area[round_]
-    kept = _unnested(centre, area)
+    kept = _unnested(centre, area, settings)
     return centre[kept], area[kept]
 
 
-def _unnested(centre: Array, area: Array) -> list[int]:
+def _unnested(centre: Array, area: Array, settings: SightSettings) -> list[int]:
     """Numbers of regions, one of each spot: the middle one of those that lie in each other."""
     if len(area) == 0:
         return []
     tree, radius = scipy.spatial.KDTree(centre), np.sqrt(area / np.pi)
-    around = tree.query_ball_point(centre, _SAME_CENTRE * radius)
+    around = tree.query_ball_point(centre, settings.same_centre * radius)
     used, kept = np.zeros(len(area), dtype=bool), []
     for i in np.argsort([-len(near) for near in around], kind="stable"):
         if used[i]:
             continue
         near = np.array([j for j in around[i] if not used[j]])
-        same = near[abs(np.log(area[near] / area[i])) < np.log(_SAME_AREA)]
+        same = near[abs(np.log(area[near] / area[i])) < np.log(settings.same_area)]
         used[near] = True
         kept.append(int(same[np.argsort(area[same], kind="stable")[len(same) // 2]]))
     return kept
@@ -261,18 +282,18 @@ def _contrasts(light: Image, position: Array, area: Array) -> tuple[Array, Array
     return contrast, rough
 
 
-def _alike(position: Array, area: Array, contrast: Array) -> Mask:
+def _alike(position: Array, area: Array, contrast: Array, settings: SightSettings) -> Mask:
     """The largest group of spots whose neighbours are like them, of n, shape (n,)."""
     count = len(area)
-    if count < _FEWEST:
+    if count < settings.fewest:
         return np.zeros(count, dtype=bool)
+    near_count = min(settings.neighbours + 1, count)
     apart, other = (
-        np.asarray(v)[:, 1:]
-        for v in scipy.spatial.KDTree(position).query(position, k=min(_NEIGHBOURS + 1, count))
+        np.asarray(v)[:, 1:] for v in scipy.spatial.KDTree(position).query(position, k=near_count)
     )
     radius = np.sqrt(area / np.pi)
-    near = apart < _FURTHEST * np.maximum(radius[:, None], radius[other])
-    for value, factor in ((area, _AS_LARGE), (contrast, _AS_STRONG)):
+    near = apart < settings.furthest * np.maximum(radius[:, None], radius[other])
+    for value, factor in ((area, settings.as_large), (contrast, settings.as_strong)):
         near &= abs(np.log(value[:, None] / value[other])) < np.log(factor)
     one = np.broadcast_to(np.arange(count)[:, None], other.shape)
     links = scipy.sparse.csr_matrix(

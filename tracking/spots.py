@@ -1,5 +1,6 @@
 """Spots of a dye in one picture: the pixels of each marker, and its centroid."""
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import cv2
@@ -10,27 +11,38 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Indices = NDArray[np.intp]
 
-#: Lower densities are noise or dirt.
-_FAINTEST = 0.15
-#: Spots end at one of these shares of the density inside them: at a larger one where they touch.
-_EDGES = (0.5, 0.65, 0.8)
-#: Percentile of the dyed pixels' densities that stands for the inside of a spot.
-_INSIDE = 80.0
-#: Smallest area of a marker over the typical one: it may be tilted, or cut by the rim.
-_SMALLEST = 0.35
-#: Largest area of a marker over the typical one: the rim of a fisheye image is stretched.
-_LARGEST = 3.0
-#: Longest length of a marker over its width.
-_LONGEST = 2.5
-#: Longest chord at which the edge of the field cuts a marker, over the root of its area.
-_LONGEST_CUT = 0.6
-#: Pixels of a marker, at least.
-_FEWEST_PIXELS = 6
-#: Distance from a spot at which its blurred edge ends [px].
-_REACH = 3.0
-#: Weight of a pixel is 0 below this coverage and 1 above one minus it, so that the noise of plain
-#: ground and plain dye has no influence.
-_SOFT = 0.1
+
+@dataclass(frozen=True, kw_only=True)
+class SpotSettings:
+    """Tuned numbers of the spots of a dye; areas are over the typical one.
+
+    Attributes
+    ----------
+    faintest: density below which there is noise or dirt
+    edges: shares of the density inside spots at which they may end; a larger one parts those that
+        touch
+    inside: percentile of the dyed pixels' densities that is the density inside
+    smallest: smallest area of a marker, which may be tilted or cut by the rim
+    largest: largest area, as the rim of a fisheye image is stretched
+    longest: largest length of a marker over its width
+    longest_cut: longest chord at which the edge of the field cuts a marker, over the root of its
+        area
+    fewest_pixels: smallest area [px²]
+    reach: distance from a spot at which its blurred edge ends [px]
+    soft: coverage below which a pixel has weight 0, and below 1 by which it has weight 1, so that
+        the noise of plain ground and plain dye has no influence
+    """
+
+    faintest: float = 0.15
+    edges: tuple[float, ...] = (0.5, 0.65, 0.8)
+    inside: float = 80.0
+    smallest: float = 0.35
+    largest: float = 3.0
+    longest: float = 2.5
+    longest_cut: float = 0.6
+    fewest_pixels: int = 6
+    reach: float = 3.0
+    soft: float = 0.1
 
 
 class Spots(NamedTuple):
@@ -41,7 +53,9 @@ class Spots(NamedTuple):
     density: float  # of the dye inside them
 
 
-def find_spots(density: Single, field: NDArray[np.bool_], parted: bool) -> Spots:
+def find_spots(
+    density: Single, field: NDArray[np.bool_], parted: bool, settings: SpotSettings = SpotSettings()
+) -> Spots:
     """Connected dyed pixels of plausible size and shape.
 
     Parameters
@@ -52,11 +66,11 @@ def find_spots(density: Single, field: NDArray[np.bool_], parted: bool) -> Spots
     """
     # The median removes specks of noise.
     clean: Any = cv2.medianBlur(density * field, 3)
-    dyed = clean[clean > _FAINTEST]
-    inside = float(np.percentile(dyed, _INSIDE)) if len(dyed) else 0.0
+    dyed = clean[clean > settings.faintest]
+    inside = float(np.percentile(dyed, settings.inside)) if len(dyed) else 0.0
     spots = [
-        _plausible(clean, field, max(edge * inside, _FAINTEST))
-        for edge in (_EDGES if parted else _EDGES[:1])
+        _plausible(clean, field, max(edge * inside, settings.faintest), settings)
+        for edge in (settings.edges if parted else settings.edges[:1])
     ]
     # The lowest of the edges that give the most spots.
     best = max(spots, key=lambda labels_areas: len(labels_areas[1]))
@@ -73,23 +87,23 @@ def typical_area(areas: Array) -> float:
 
 
 def _plausible(
-    density: Single, field: NDArray[np.bool_], least: float
+    density: Single, field: NDArray[np.bool_], least: float, settings: SpotSettings
 ) -> tuple[NDArray[np.int32], Array]:
     """Number of each pixel's spot, and areas, of the spots above a density that may be markers."""
     mask = (density > least).astype(np.uint8)
     labels: Any
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
     areas = stats[:, cv2.CC_STAT_AREA].astype(float)
-    plausible = areas >= _FEWEST_PIXELS
+    plausible = areas >= settings.fewest_pixels
     plausible[0] = False  # the background
     # The centroid of a spot that the edge of the field cuts is not the marker's.
     inner = cv2.erode(field.astype(np.uint8), np.ones((3, 3)), borderValue=0)
     cut = np.bincount(labels[inner == 0], minlength=count)
-    plausible &= cut < _LONGEST_CUT * np.sqrt(areas)
+    plausible &= cut < settings.longest_cut * np.sqrt(areas)
     typical = typical_area(areas[plausible])
-    plausible &= (areas > _SMALLEST * typical) & (areas < _LARGEST * typical)
+    plausible &= (areas > settings.smallest * typical) & (areas < settings.largest * typical)
     y, x = np.nonzero(mask)
-    plausible &= _length_to_width(labels[y, x], x, y, count) < _LONGEST
+    plausible &= _length_to_width(labels[y, x], x, y, count) < settings.longest
     number = (np.cumsum(plausible) * plausible).astype(np.int32)
     return number[labels], areas[plausible]
 
@@ -110,7 +124,7 @@ def _length_to_width(
     return np.sqrt((half + apart) / np.maximum(half - apart, 1e-9))
 
 
-def surroundings(spots: Spots) -> tuple[Indices, Indices]:
+def surroundings(spots: Spots, settings: SpotSettings = SpotSettings()) -> tuple[Indices, Indices]:
     """Pixels of spots and of their blurred edges, and the number of the nearest spot to each.
 
     Returns
@@ -124,12 +138,16 @@ def surroundings(spots: Spots) -> tuple[Indices, Indices]:
     nearest = np.asarray(labels)
     number = np.zeros(int(mask.sum()) + 1, dtype=np.intp)
     number[nearest[mask]] = spots.labels[mask] - 1
-    pixels: Indices = np.flatnonzero(np.asarray(distance) <= _REACH)
+    pixels: Indices = np.flatnonzero(np.asarray(distance) <= settings.reach)
     return pixels, number[nearest.ravel()[pixels]]
 
 
 def weigh(
-    coverage: Single, pixels: Indices, number: Indices, count: int
+    coverage: Single,
+    pixels: Indices,
+    number: Indices,
+    count: int,
+    settings: SpotSettings = SpotSettings(),
 ) -> tuple[Array, Array, Array]:
     """Centroids (n, 2) [px], areas (n,) [px²] and shapes of what markers cover of each pixel.
 
@@ -145,7 +163,7 @@ def weigh(
     y, x = (v.astype(float) for v in np.divmod(pixels, coverage.shape[1]))
     share = coverage.ravel()[pixels].astype(float)
     # The sum of the weights must never be zero.
-    weight = np.clip((share - _SOFT) / (1.0 - 2.0 * _SOFT), 1e-9, 1.0)
+    weight = np.clip((share - settings.soft) / (1.0 - 2.0 * settings.soft), 1e-9, 1.0)
     total = np.bincount(number, weight, count)
 
     def mean(values: Array) -> Array:

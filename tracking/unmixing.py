@@ -25,25 +25,8 @@ AROUND = 2.2
 COLOURED = 12.0
 #: Linear light that is told from black for certain: three grey levels make 1e-3.
 DARKEST = 3e-3
-#: Lowest light of the sensor's field that is considered, over the brightest ground.
-_DARKEST_EDGE = 0.1
-#: Highest one.
-_BRIGHTEST_EDGE = 0.5
-#: The field ends at a light that fewer pixels than this share have.
-_GAP = 0.01
-#: Light of unmarked skin differs by less than this from the shading: more than noise, less than an
-#: edge.
-_PLAIN_RATIO = 0.08
-#: Pixels of at least this density are not plain ground.
-_TOUCHED = 0.2
 #: Distance of the pixels that the shading is fitted to [px].
 _STRIDE = 4
-#: Noise of linear light is proportional to this power of it: levels are about its square root.
-_NOISE_POWER = 0.6
-#: Blur of the image from which the layer with the smaller coverage is chosen [px].
-_CALMING = 0.6
-#: A smaller coverage below this is noise: only one layer, or none, is there.
-_ALONE = 0.04
 
 
 def unmixing_matrix(transmittance: Array) -> Array:
@@ -72,7 +55,14 @@ def dye_densities(linear: Light, ground: Light, matrix: Array) -> Light:
     return np.ascontiguousarray(np.moveaxis(mixed, 2, 0))
 
 
-def dye_coverages(ratio: Single, transmittance: Array) -> Single:
+def dye_coverages(
+    ratio: Single,
+    transmittance: Array,
+    *,
+    noise_power: float = 0.6,
+    calming: float = 0.6,
+    alone: float = 0.04,
+) -> Single:
     """Share of each blurred pixel that markers of each layer cover, shape (L, H, W).
 
     A lens blurs light, in which coverages are linear and densities are not. Light over the ground's
@@ -85,9 +75,12 @@ def dye_coverages(ratio: Single, transmittance: Array) -> Single:
     ----------
     ratio: linear light over the ground's, shape (H, W, 3)
     transmittance: share of the ground's linear light that a marker leaves, shape (L, 3)
+    noise_power: power of linear light that its noise is proportional to; levels are about its root
+    calming: blur of the image from which the layer with the smaller coverage is chosen [px]
+    alone: smaller coverage that is noise: only one layer, or none, is there
     """
     absorbed = 1.0 - transmittance
-    weight = np.prod(0.5 + 0.5 * transmittance, axis=0) ** -_NOISE_POWER
+    weight = np.prod(0.5 + 0.5 * transmittance, axis=0) ** -noise_power
     lost = 1.0 - ratio
     if len(absorbed) == 1:
         return _solve(lost, absorbed, weight)
@@ -95,7 +88,7 @@ def dye_coverages(ratio: Single, transmittance: Array) -> Single:
     first_inside = np.stack([first * transmittance[1], second])
     second_inside = np.stack([first, second * transmittance[0]])
     # From a blurred image: otherwise the smaller one would be biased by its noise.
-    calm: Any = cv2.GaussianBlur(lost, (0, 0), _CALMING)
+    calm: Any = cv2.GaussianBlur(lost, (0, 0), calming)
     smaller = _solve(calm, first_inside, weight)
     first_is_inside = smaller[0] <= smaller[1]
     rough = np.where(first_is_inside, smaller, _solve(calm, second_inside, weight))
@@ -105,7 +98,7 @@ def dye_coverages(ratio: Single, transmittance: Array) -> Single:
         _solve(lost, first_inside, weight),
         _solve(lost, second_inside, weight),
     )
-    return np.where(rough.min(axis=0) < _ALONE, _solve(lost, absorbed, weight), coverages)
+    return np.where(rough.min(axis=0) < alone, _solve(lost, absorbed, weight), coverages)
 
 
 def _too_much(coverages: Single) -> Single:
@@ -169,26 +162,42 @@ def rough_ground(
     return ground, field.astype(bool)
 
 
-def _lit(ground: Single, seen: NDArray[np.bool_]) -> Single:
+def _lit(
+    ground: Single,
+    seen: NDArray[np.bool_],
+    darkest: float = 0.1,
+    brightest: float = 0.5,
+    rare: float = 0.01,
+) -> Single:
     """1 in the largest region that is about as bright as the brightest, 0 elsewhere, (H, W).
 
-    Nothing is where `seen` is False. The surroundings of a sensor are darker, and few pixels have
-    a light in between.
+    It is 0 where `seen` is False. The surroundings of a sensor are darker, and few pixels have a
+    light in between.
+
+    Parameters
+    ----------
+    darkest, brightest: lowest and highest light at the edge of the field, over the brightest ground
+    rare: share of the pixels below which a light is in between
     """
     light = np.maximum(ground.max(axis=2), _BLACK)
     share = np.where(seen, light / np.percentile(light[seen], 95), 0.0)
-    edges = np.geomspace(_DARKEST_EDGE, _BRIGHTEST_EDGE, 9)
+    edges = np.geomspace(darkest, brightest, 9)
     pixels = np.histogram(share[seen], edges)[0] / seen.sum()
-    gap = np.flatnonzero(pixels <= max(_GAP, pixels.min()))[-1]
+    gap = np.flatnonzero(pixels <= max(rare, pixels.min()))[-1]
     bright = (share > edges[gap]).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(bright, connectivity=4)
     largest = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
     return (np.asarray(labels) == largest).astype(np.float32)
 
 
-def plain_pixels(densities: Light, field: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
-    """Pixels of a field that are clear of markers of any layer by a margin [px], shape (H, W)."""
-    touched: Any = (abs(densities) > _TOUCHED).any(axis=0).astype(np.uint8)
+def plain_pixels(
+    densities: Light, field: NDArray[np.bool_], margin: int, touching: float = 0.2
+) -> NDArray[np.bool_]:
+    """Pixels of a field that are clear of markers of any layer by a margin [px], shape (H, W).
+
+    Pixels of a density above `touching` belong to markers.
+    """
+    touched: Any = (abs(densities) > touching).any(axis=0).astype(np.uint8)
     # Opening removes specks of noise.
     touched = cv2.morphologyEx(touched, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
@@ -248,7 +257,10 @@ def _polynomial_shading(linear: Light, plain: NDArray[np.bool_]) -> Single:
     )
 
 
-def _near_one(ratio: Light) -> NDArray[np.bool_]:
-    """Mask of pixels whose light is near the shading in every channel, shape (H, W)."""
-    low, high = [1.0 - _PLAIN_RATIO] * 3, [1.0 + _PLAIN_RATIO] * 3
+def _near_one(ratio: Light, near: float = 0.08) -> NDArray[np.bool_]:
+    """Mask of pixels with light near the shading in every channel, shape (H, W).
+
+    `near` is a relative difference: more than noise, less than an edge.
+    """
+    low, high = [1.0 - near] * 3, [1.0 + near] * 3
     return np.asarray(cv2.inRange(ratio, np.array(low), np.array(high))).astype(bool)

@@ -11,6 +11,7 @@ import pytest
 from chromagrip import load_scene
 from chromagrip.control import (
     Controller,
+    DoubtSettings,
     GripCommand,
     GripFirstSettings,
     GripObservation,
@@ -18,7 +19,7 @@ from chromagrip.control import (
 )
 from chromagrip.control.controllers import SafetyMarginControl
 from chromagrip.control.grip_first import GripFirst
-from chromagrip.control.sliding import FollowingFriction
+from chromagrip.control.sliding import FollowingFriction, SlidingSettings
 from chromagrip.loop.record import Result
 from chromagrip.loop.run import run
 from chromagrip.model import GROSS_SLIP, ForceField
@@ -103,6 +104,34 @@ def test_a_pause_is_not_a_long_rise() -> None:
     first.see(seen(0, 0.0, normal=1e-3), 1.0)
     first.see(seen(100000, 0.0, normal=1e-3), 1.0)
     assert 1.0 < first.least < 1.5
+
+
+def test_the_longest_period_and_the_growth_are_settings() -> None:
+    """After a pause, the rise counts the longest period; full growth is 1 + 0.35 times the need."""
+
+    def least(doubt: DoubtSettings, normal: float) -> float:
+        first = GripFirst(SETTINGS, doubt)
+        first.see(seen(0, 0.0, normal=normal), 1.0)
+        first.see(seen(100000, 0.0, normal=normal), 1.0)
+        return first.least
+
+    assert least(DoubtSettings(), 1e-3) == pytest.approx(1.0 + 0.1 * SETTINGS.rise_n_per_s)
+    long = DoubtSettings(longest_period_s=0.5)
+    assert least(long, 1e-3) == pytest.approx(1.0 + 0.5 * SETTINGS.rise_n_per_s)
+    slow = DoubtSettings(growth=0.0, later_growth=0.0)
+    assert least(slow, 3.0) == pytest.approx(3.0 / 0.95)
+    assert least(DoubtSettings(), 3.0) == pytest.approx(2.0 * 3.0 / 0.95)
+
+
+def test_frames_that_are_compared_may_be_fewer() -> None:
+    def follows(settings: SlidingSettings) -> bool:
+        friction = FollowingFriction(settings)
+        for k in range(3):  # friction falls with the grip
+            friction.see(PERIOD * k, 2.0 * 0.9**k, 0.3 * 0.9**k, near=True)
+        return friction.follows
+
+    assert not follows(SlidingSettings())
+    assert follows(SlidingSettings(fewest_frames=3))
 
 
 @pytest.mark.parametrize("rate", [30.0, 60.0, 1000.0])

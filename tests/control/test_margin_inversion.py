@@ -6,7 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from chromagrip.control import GripObservation, MarginInversion, MarginInversionSettings
+from chromagrip.control import (
+    GripObservation,
+    InversionSettings,
+    MarginInversion,
+    MarginInversionSettings,
+)
 from chromagrip.model import ForceField
 
 PERIOD = 1.0 / 60.0
@@ -59,6 +64,17 @@ def test_it_settles_at_the_desired_margin(mu: float, desired: float) -> None:
     controller = MarginInversion(MarginInversionSettings(desired_margin=desired))
     force = held(controller, 200, 0.25, mu)
     assert 1.0 - 0.25 / (mu * force) == pytest.approx(desired, abs=0.02)
+
+
+def test_the_smallest_friction_is_a_setting() -> None:
+    usual, cautious = (
+        MarginInversion(MarginInversionSettings(), tuned)
+        for tuned in (InversionSettings(), InversionSettings(least_friction=0.25))
+    )
+    observation = seen(0.0, 0.25, 0.1, 5.0)
+    assert usual.command(observation).force == pytest.approx(0.25 / (0.1 * 0.7))
+    # Grip first demands more than the larger friction does.
+    assert cautious.command(observation).force == pytest.approx(0.25 / (0.1 * 0.95))
 
 
 def test_a_new_load_is_answered_at_once() -> None:

@@ -18,6 +18,7 @@ from chromagrip.tracking.fit.compression import (
     fine_part,
     flat_blocks,
 )
+from chromagrip.tracking.fit.settings import CompressionSettings
 
 #: Frames of the motion: the press.
 FRAMES = 8
@@ -67,6 +68,13 @@ def test_large_residuals_beside_white_noise_are_no_compression() -> None:
 def test_less_noise_and_larger_residuals_are_more_compression() -> None:
     kept, lost = FinePart(1.5, 0.1, 1.0), FinePart(0.1, 0.1, 1.0)
     assert 1.0 < compression(6.0, kept) < compression(6.0, lost) < compression(9.0, lost)
+
+
+def test_the_ratio_that_shows_compression_is_a_setting() -> None:
+    lost = FinePart(0.1, 0.1, 1.0)
+    assert compression(2.0, lost) > 1.0
+    assert compression(2.0, lost, CompressionSettings(different=10.0)) == 1.0
+    assert compression(2.0, lost, CompressionSettings(least=5.8)) == 2.0 * compression(2.0, lost)
 
 
 def test_only_what_moved_is_less_certain() -> None:

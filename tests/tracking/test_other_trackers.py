@@ -17,6 +17,7 @@ from chromagrip.render.outlines import centroids, outlines
 from chromagrip.scene.scene import load_scene
 from chromagrip.sensing.sensor import open_camera
 from chromagrip.tracking import Palette, Tracker, Tracks, load_palette, load_tracker
+from chromagrip.tracking.baselines.follower import FollowerSettings
 from chromagrip.tracking.learned_palette import learn_palette
 from chromagrip.tracking.sighting import sight
 
@@ -251,6 +252,17 @@ def test_chromatouch_hue_turns_from_overlap_towards_magenta() -> None:
         centres[1, :, 1] += shift * 1e-3
         tracks = tracker.update(shoot(Membrane(centres=centres, axes=REST.axes), 0))
     assert np.nanmedian(tracks.hue) < start - 10.0
+
+
+@pytest.mark.parametrize("name", ["blob", "chromatouch"])
+def test_the_jump_that_makes_a_number_doubtful_is_a_setting(name: str) -> None:
+    known = load_palette("dark-dots")
+    tracker = load_tracker(name, {"settings": FollowerSettings(doubtful_jump=0.1)})(known, NOISE)
+    tracker.reset([dots(known, (0.0, 0.0), 100 + k) for k in range(4)])
+    tracks = tracker.update(dots(known, (4.0, 0.0), 0))
+    assert tracks.ambiguous[tracks.visible].all()
+    usual, _, usual.state = reset_to_dots(name, "dark-dots")
+    assert not usual.update(dots(known, (4.0, 0.0), 0)).ambiguous.any()
 
 
 def test_two_numbers_on_one_blob_are_ambiguous() -> None:

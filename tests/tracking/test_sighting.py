@@ -14,6 +14,7 @@ from chromagrip.render import add_noise, load_sensor, open_renderer
 from chromagrip.render.colour import encode_srgb
 from chromagrip.render.membrane import rest_membrane
 from chromagrip.tracking import detect_markers, learn_palette, sight
+from chromagrip.tracking.sighting import SightSettings
 
 WIDTH, HEIGHT = 400, 300
 
@@ -199,6 +200,15 @@ def test_what_does_not_repeat_like_markers_is_refused(image: np.ndarray) -> None
 def test_a_picture_without_room_for_markers_is_refused(shape: tuple[int, int]) -> None:
     with pytest.raises(UserError, match="wanted: 16 or more a side"):
         sight(np.zeros((*shape, 3), np.uint8))
+
+
+def test_the_fewest_markers_and_the_edge_of_the_field_are_settings() -> None:
+    places = grid(24.0)
+    image = dotted(places)
+    wide = sight(image, settings=SightSettings(margin=1.5))
+    assert wide.field.sum() > 1.1 * sight(image).field.sum()
+    with pytest.raises(UserError, match="no regular marker pattern"):
+        sight(image, settings=SightSettings(fewest=len(places) + 1))
 
 
 def test_markers_are_looked_for_only_where_that_is_asked() -> None:

@@ -16,8 +16,8 @@ from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sens
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.outlines import centroids, outlines
 from chromagrip.tracking import MarkerTracker, Palette, Tracks
-from chromagrip.tracking.fit.at_rest import FitSettings
 from chromagrip.tracking.fit.kernels.pair_kernels import mean_hues
+from chromagrip.tracking.fit.settings import FitSettings
 from chromagrip.tracking.fit.templates import forget
 from chromagrip.tracking.fit.tracker import FULL, QUICK, SPARSE
 

@@ -6,7 +6,7 @@ from chromagrip.errors import UserError
 from chromagrip.render import load_sensor
 from chromagrip.tracking import MarkerTracker, Palette, load_tracker, tracker_names
 from chromagrip.tracking.baselines.blob import BlobDetector
-from chromagrip.tracking.fit.at_rest import FitSettings
+from chromagrip.tracking.fit.settings import FitSettings
 
 
 def test_ours_are_found_by_name() -> None:

@@ -11,15 +11,6 @@ from .follower import Follower, Image, Measured, nearest
 
 Array = NDArray[np.float64]
 
-#: Lowest and highest density at which the detector thresholds, and the step.
-_CUTS = (0.3, 0.7, 0.1)
-#: Smallest area of a blob over that of a marker.
-_SMALLEST = 0.3
-#: Largest one.
-_LARGEST = 3.0
-#: A blob further away than this is another marker [pitches].
-_REACH = 0.5
-
 
 class BlobDetector(Follower):
     """`cv2.SimpleBlobDetector`: connected pixels above several densities, their mean centroid."""
@@ -33,22 +24,20 @@ class BlobDetector(Follower):
         for k, density in enumerate(density_images(image, self._tables)):
             blobs = self._detectors[k].detect(density)
             centres = np.array([blob.pt for blob in blobs]).reshape(-1, 2)
-            number = nearest(centres, expected[k], _REACH * self._pitch, mutual=True)
+            number = nearest(centres, expected[k], self._reach, mutual=True)
             position[k, number >= 0] = centres[number[number >= 0]]
         return Measured(position)
 
 
 def _detector(radius: float) -> cv2.SimpleBlobDetector:
+    """Detector of blobs between densities of 0.3 and 0.7, with 0.3 to 3 times a marker's area."""
     settings = cv2.SimpleBlobDetector.Params()
-    settings.minThreshold, settings.maxThreshold, settings.thresholdStep = (
-        offset + UNIT * cut for offset, cut in zip((ZERO, ZERO, 0), _CUTS, strict=True)
-    )
+    settings.minThreshold, settings.maxThreshold = ZERO + UNIT * 0.3, ZERO + UNIT * 0.7
+    settings.thresholdStep = UNIT * 0.1
     settings.minRepeatability = 2
     settings.minDistBetweenBlobs = radius
     settings.filterByColor, settings.blobColor = True, 255
     settings.filterByArea = True
-    settings.minArea, settings.maxArea = (
-        share * np.pi * radius**2 for share in (_SMALLEST, _LARGEST)
-    )
+    settings.minArea, settings.maxArea = (share * np.pi * radius**2 for share in (0.3, 3.0))
     settings.filterByCircularity = settings.filterByInertia = settings.filterByConvexity = False
     return cv2.SimpleBlobDetector.create(settings)

@@ -10,17 +10,13 @@ from ...errors import UserError
 from ...render import encode_srgb
 from ..detection import RestFrame
 from ..palette import Palette
-from .follower import Follower, Image, Measured, nearest
+from .follower import Follower, FollowerSettings, Image, Measured, nearest
 
 Array = NDArray[np.float64]
 
 #: Least saturation of a marker's pixels. Lin 2019 has 50 %, which the real dome's magenta, alone on
 #: white, does not quite reach.
 _SATURATED = 0.35
-#: Least area of a component over that of a marker: smaller ones are noise.
-_SMALLEST = 0.2
-#: A component further away than this is another marker [pitches].
-_REACH = 0.5
 
 
 class ChromaTouch(Follower):
@@ -40,8 +36,10 @@ class ChromaTouch(Follower):
         When there are two dyes whose hues do not tell them apart.
     """
 
-    def __init__(self, palette: Palette, noise: float) -> None:
-        super().__init__(palette, noise)
+    def __init__(
+        self, palette: Palette, noise: float, settings: FollowerSettings = FollowerSettings()
+    ) -> None:
+        super().__init__(palette, noise, settings)
         count = len(palette.transmittance)
         # Each dye alone, and both of them over each other, on white.
         members = np.vstack([np.eye(count), np.ones((count - 1, count))])
@@ -73,9 +71,9 @@ class ChromaTouch(Follower):
             _, labels, stats, centroids = cv2.connectedComponentsWithStats(
                 mask.astype(np.uint8), connectivity=4
             )
-            plausible = stats[:, cv2.CC_STAT_AREA] > _SMALLEST * self._area[k]
+            plausible = stats[:, cv2.CC_STAT_AREA] > 0.2 * self._area[k]  # the others are noise
             plausible[0] = False  # the background
-            number = nearest(centroids[plausible], expected[k], _REACH * self._pitch, mutual=False)
+            number = nearest(centroids[plausible], expected[k], self._reach, mutual=False)
             found = number >= 0
             position[k, found] = centroids[plausible][number[found]]
             if k == 0 and self._coloured:

@@ -15,12 +15,8 @@ from .density_kernels import UNIT, write_densities
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: The sensor's field is brighter than this share of its brightest ground.
-_LIT = 0.2
 #: Least light of a level, so that its logarithm is finite; as in `dye_densities`.
 _DARKEST = 1e-4
-#: The middle of a marker is denser than its surroundings by at least this.
-_LEAST_CONTRAST = 0.25
 
 
 class DensityTables(NamedTuple):
@@ -42,7 +38,8 @@ def density_tables(rest: RestFrame, palette: Palette) -> DensityTables:
     log_levels = np.log(np.maximum(decoding_table(), _DARKEST))
     ground = np.log(np.maximum(rest.ground, _DARKEST)) @ matrix.T
     light = rest.ground.max(axis=2)
-    ground[light < _LIT * np.percentile(light, 95)] = np.nan
+    # The sensor's field is brighter than this share of its brightest ground.
+    ground[light < 0.2 * np.percentile(light, 95)] = np.nan
     return DensityTables(
         ground=ground.astype(np.float32),
         dye=(-matrix[:, :, None] * log_levels).astype(np.float32),
@@ -64,7 +61,7 @@ def markers_there(density: Image, position: Array, radius: float) -> NDArray[np.
     inside = _sample(density, position[:, None] + 0.4 * circle).mean(axis=1)
     # A neighbour may cover a part of the ring.
     around = np.quantile(_sample(density, position[:, None] + 1.7 * circle), 0.25, axis=1)
-    return inside - around > _LEAST_CONTRAST * UNIT
+    return inside - around > 0.25 * UNIT
 
 
 def _sample(image: Image, at: Array) -> Array:

@@ -7,8 +7,10 @@ from numpy.typing import NDArray
 
 from ...compiled import njit
 
-#: Level of density 0, and levels per density: noise below 0 and above 1 is kept.
-ZERO, UNIT = 64, 128
+#: Level of density 0: noise below 0 is kept.
+ZERO = 64
+#: Levels per density: noise above 1 is kept.
+UNIT = 128
 
 
 @njit()

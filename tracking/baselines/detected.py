@@ -12,9 +12,6 @@ from .follower import Follower, Image, Measured, nearest
 
 Array = NDArray[np.float64]
 
-#: A detected marker further away than this is another one [pitches].
-_REACH = 0.5
-
 
 class DetectedMarkers(Follower):
     """Places, sizes and hues of the markers that `detect_again` finds."""
@@ -32,7 +29,7 @@ class DetectedMarkers(Follower):
         position = np.full_like(expected, np.nan)
         area, hue = np.full((2, *expected.shape[:2]), np.nan)
         for k, markers in enumerate(detect_again(image, self._at_rest, self._palette)):
-            number = nearest(markers.position, expected[k], _REACH * self._pitch, mutual=True)
+            number = nearest(markers.position, expected[k], self._reach, mutual=True)
             found = number >= 0
             position[k, found] = markers.position[number[found]]
             # A spot may seem to cover less than nothing; its size is unknown.

@@ -15,13 +15,6 @@ from .follower import Follower, Image, Measured
 
 Array = NDArray[np.float64]
 
-#: Flow to the frame and back ends within this of its start [px].
-_BACK = 0.3
-#: Margin of the window around a marker [px].
-_MARGIN = 3
-#: Pyramid levels above the image itself; each doubles the reach.
-_LEVELS = 2
-
 
 class LucasKanade(Follower):
     """Pyramidal Lucas–Kanade on each marker's window, to the frame and back."""
@@ -42,16 +35,17 @@ class LucasKanade(Follower):
     def _flow(self, k: int, density: Image, known: NDArray[np.bool_], guess: Array) -> Array:
         """Positions (n, 2) of the `known` markers of layer k, NaN where they are lost."""
         start = self._origin[k, known].astype(np.float32)
-        side = 2 * (int(np.ceil(self._radius[k])) + _MARGIN) + 1
+        margin, back_px = 3, 0.3  # around a marker, and of the way back [px]
+        side = 2 * (int(np.ceil(self._radius[k])) + margin) + 1
         settings: dict[str, Any] = {
             "winSize": (side, side),
-            "maxLevel": _LEVELS,
+            "maxLevel": 2,  # above the image itself; each doubles the reach
             "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
         }
         flow = cv2.calcOpticalFlowPyrLK
         to, there, _ = flow(self._rest[k], density, start, guess.astype(np.float32), **settings)
         back, back_there, _ = flow(density, self._rest[k], to, start.copy(), **settings)
         good = (there[:, 0] == 1) & (back_there[:, 0] == 1)
-        good &= np.linalg.norm(back - start, axis=-1) < _BACK
+        good &= np.linalg.norm(back - start, axis=-1) < back_px
         good &= markers_there(density, np.asarray(to, dtype=float), self._radius[k])
         return np.where(good[:, None], to, np.nan)

@@ -1,4 +1,4 @@
-"""What the baseline trackers share: where to look, which markers are lost, and since when.
+"""Common part of the baseline trackers: where to look, which markers are lost, since when.
 
 A marker is looked for at its last place, a lost one where its neighbours moved; each tracker adds
 how a marker near there is found. All of them are local: a marker that moves by more than half a
@@ -22,18 +22,29 @@ from ..tracks import Tracks
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: A marker that jumps further than this may be a neighbour of the one that was there [pitches].
-_DOUBTFUL_JUMP = 0.375
-#: Markers of one layer are further apart than this [pitches].
-_APART = 0.25
-#: Share of the rest frame's markers that the tracker itself must find there.
-_FEWEST = 0.5
-#: Neighbours of a marker.
-_NEIGHBOURS = 6
+
+@dataclass(frozen=True, kw_only=True)
+class FollowerSettings:
+    """Tuned numbers of the baseline trackers; distances are in pitches of the markers.
+
+    Attributes
+    ----------
+    doubtful_jump: jump of a marker above which it may be a neighbour of the last one
+    apart: smallest distance between markers of one layer
+    fewest: share of the rest frame's markers that the tracker must find there itself
+    neighbours: number of neighbours that a lost marker moves with
+    reach: distance from the expected place above which a spot is another marker
+    """
+
+    doubtful_jump: float = 0.375
+    apart: float = 0.25
+    fewest: float = 0.5
+    neighbours: int = 6
+    reach: float = 0.5
 
 
 class Measured(NamedTuple):
-    """What a tracker measures in one frame, as in `Tracks`; None for what it does not measure."""
+    """Measurements of a tracker in one frame, as in `Tracks`; None for those that it lacks."""
 
     position: Array
     log_size: Array | None = None
@@ -63,6 +74,7 @@ class Follower:
     ----------
     palette: of the markers
     noise: standard deviation of the camera noise [grey levels]; rounding is added to it
+    settings: tuned numbers
 
     Attributes
     ----------
@@ -71,9 +83,10 @@ class Follower:
 
     state: Shifts
 
-    def __init__(self, palette: Palette, noise: float) -> None:
-        self._palette = palette
-        self._noise = noise
+    def __init__(
+        self, palette: Palette, noise: float, settings: FollowerSettings = FollowerSettings()
+    ) -> None:
+        self._palette, self._noise, self._settings = palette, noise, settings
 
     def _prepare(self, rest: RestFrame, image: Image) -> None:
         """Keep what is needed of the rest frame; `image` is its mean, rounded."""
@@ -91,9 +104,11 @@ class Follower:
         UserError
             When there is no frame, or it does not show the markers.
         """
+        settings = self._settings
         at_rest = read_rest(rest, self._palette)
         self._origin, self._pitch = at_rest.position, at_rest.pitch
-        self._near = neighbours(np.nanmean(at_rest.position, axis=0), _NEIGHBOURS)
+        self._reach = settings.reach * at_rest.pitch
+        self._near = neighbours(np.nanmean(at_rest.position, axis=0), settings.neighbours)
         self.state = Shifts(
             shift=np.zeros_like(at_rest.position),
             last_seen=np.full(at_rest.position.shape[:2], np.nan),
@@ -103,10 +118,10 @@ class Follower:
         self._prepare(at_rest, image)
         tracks = self._follow(Frame(image=image, time=rest[-1].time))
         count = int(np.isfinite(self._origin[..., 0]).sum())
-        if tracks.visible.sum() < _FEWEST * count:
+        if tracks.visible.sum() < settings.fewest * count:
             raise UserError(
                 f"only {tracks.visible.sum()} of {count} markers of the rest frame are found by "
-                f"this tracker, at least {_FEWEST:.0%} must be"
+                f"this tracker, at least {settings.fewest:.0%} must be"
             )
         # Shifts count from where the tracker itself finds a marker at rest.
         self._origin = np.where(tracks.visible[..., None], tracks.position, self._origin)
@@ -125,6 +140,7 @@ class Follower:
         return self._follow(frame)
 
     def _follow(self, frame: Frame) -> Tracks:
+        settings = self._settings
         shift = self.state.shift
         measured = self._find(np.ascontiguousarray(frame.image), self._origin + shift)
         position, (layers, count, _) = measured.position, self._origin.shape
@@ -134,7 +150,7 @@ class Follower:
         moved = position - self._origin
         jump = np.linalg.norm(moved - shift, axis=-1)
         apart = np.linalg.norm(position[:, :, None] - position[:, self._near], axis=-1)
-        claimed = (apart < _APART * self._pitch).any(axis=-1)
+        claimed = (apart < settings.apart * self._pitch).any(axis=-1)
         self.state = Shifts(
             shift=_carry(np.where(visible[..., None], moved, shift), visible, self._near),
             last_seen=np.where(visible, frame.time, self.state.last_seen),
@@ -148,7 +164,7 @@ class Follower:
             log_size=np.where(visible, size, np.nan),
             hue=np.where(visible[0], hue, np.nan),
             visible=visible,
-            ambiguous=visible & ((jump > _DOUBTFUL_JUMP * self._pitch) | claimed),
+            ambiguous=visible & ((jump > settings.doubtful_jump * self._pitch) | claimed),
             last_seen=self.state.last_seen.copy(),
             covariance=np.full((count, 3 * layers, 3 * layers), np.nan),
         )

@@ -6,7 +6,7 @@ blurred disc of a layer, or by both. Gauss–Newton steps, weighted by the noise
 place, size and strain of both discs of a pair, and the light on it.
 """
 
-from .at_rest import FitSettings
+from .settings import FitSettings
 from .tracker import MarkerTracker
 
 __all__ = ["FitSettings", "MarkerTracker"]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .at_rest import STEPS, AtRest
+from .at_rest import AtRest
 from .kernels.survey_kernels import survey
 from .memory import Look, Memory
 from .pair_state import PairFits, PairState
@@ -13,18 +13,6 @@ from .pair_state import PairFits, PairState
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
-
-#: Neighbours, or layers, whose displacements differ by this much are torn off each other [pitch].
-_TORN = 0.4
-#: A marker that went on within this of its expected place was not taken for another one [pitch].
-_WENT_ON = 0.2
-#: A marker on another one may be another one itself, this far from where the pair's other layer
-#: has it [radii].
-_ASIDE = 0.2
-#: A lost pair is looked at closely in one frame of so many.
-_IN_TURNS = 4
-#: Pairs that moved by this much show how far one layer moves with the other [pitch].
-_MOVED = 0.1
 
 
 def judge(known: AtRest, memory: Memory, image: Image, fits: PairFits, start: PairState) -> Look:
@@ -34,9 +22,9 @@ def judge(known: AtRest, memory: Memory, image: Image, fits: PairFits, start: Pa
     """
     limit = np.where(known.odd, np.inf, known.limits(fits))
     if (fits.misfit > limit).any():
-        turn = (np.arange(len(fits.misfit)) - memory.frames) % _IN_TURNS == 0
+        turn = (np.arange(len(fits.misfit)) - memory.frames) % known.settings.looks.turns == 0
         tried = turn | memory.visible.any(axis=1)
-        fits = known.fit.fit_apart(image, fits, start, tried, limit, STEPS)
+        fits = known.fit.fit_apart(image, fits, start, tried, limit, known.settings.steps)
     return surveyed(known, memory, fits)
 
 
@@ -48,7 +36,7 @@ def surveyed(known: AtRest, memory: Memory, fits: PairFits) -> Look:
     fit, share = known.fit, np.nan if known.share is None else known.share
     survey(
         fits.state.fits, fits.misfit, fits.state.present, known.state.fits, fit.near,
-        fit.optics.neighbours, known.limits(fits), _TORN * known.pitch, share,
+        fit.optics.neighbours, known.limits(fits), known.settings.looks.torn * known.pitch, share,
         fit.crowded_radii, visible, torn, on_others, touching,
     )  # fmt: skip
     for markers in (visible, torn, on_others):
@@ -91,7 +79,8 @@ def untangled(known: AtRest, memory: Memory, image: Image, look: Look) -> Look:
         return look
     displacement = (state.fits - known.state.fits)[..., :2]
     clear = visible & ~on_others
-    far = clear.all(axis=1) & (abs(displacement[:, 0]).max(axis=1) > _MOVED * known.pitch)
+    least = known.settings.looks.moved * known.pitch
+    far = clear.all(axis=1) & (abs(displacement[:, 0]).max(axis=1) > least)
     first, second = displacement[far, 0], displacement[far, 1]
     # The ratio in the image is not quite that of the layers, which lie at different depths.
     share = (first * second).sum() / (first**2).sum() if far.any() else known.share
@@ -99,13 +88,14 @@ def untangled(known: AtRest, memory: Memory, image: Image, look: Look) -> Look:
         return look
     expected = np.stack([displacement[:, 1] / share, displacement[:, 0] * share], axis=1)
     off = np.linalg.norm(displacement - expected, axis=2)
-    wrong = on_others & clear[:, ::-1] & (off > _ASIDE * known.fit.radius)
+    wrong = on_others & clear[:, ::-1] & (off > known.settings.looks.aside * known.fit.radius)
     if not wrong.any():
         return look
-    fits = state.fits.copy()
-    fits[wrong, :2] = (known.state.fits[..., :2] + expected)[wrong]
-    start = replace(state, fits=fits)
-    return better(look, judge(known, memory, image, known.fit.fit(image, start, STEPS), start))
+    places = state.fits.copy()
+    places[wrong, :2] = (known.state.fits[..., :2] + expected)[wrong]
+    start = replace(state, fits=places)
+    fits = known.fit.fit(image, start, known.settings.steps)
+    return better(look, judge(known, memory, image, fits, start))
 
 
 def _off_course(known: AtRest, memory: Memory, state: PairState, visible: Mask) -> Mask:
@@ -119,5 +109,5 @@ def _off_course(known: AtRest, memory: Memory, state: PairState, visible: Mask) 
     around = np.where(visible[..., None], step, 0.0)[near].sum(axis=1)
     around /= np.maximum(visible[near].sum(axis=1), 1)[..., None]
     off = [abs(step - way).max(axis=2) for way in (memory.velocity[..., :2], around)]
-    off_course = np.minimum(*off) > _WENT_ON * known.pitch
+    off_course = np.minimum(*off) > known.settings.looks.went_on * known.pitch
     return np.asarray(off_course | ~memory.intact)

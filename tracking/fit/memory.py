@@ -13,9 +13,6 @@ from .templates import copied
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Frames between two fits of colours and blur, while these do not change.
-PATIENCE = 4
-
 
 class Look(NamedTuple):
     """A fit to a frame; the markers that it explains, and which of them are at odd places."""
@@ -52,8 +49,8 @@ class Memory:
     intact: Mask
     last_seen: Array
     typical: float
+    patience: int
     waited: int = 0
-    patience: int = PATIENCE
     frames: int = 0
 
     def copied(self) -> "Memory":

@@ -20,6 +20,7 @@ from .kernels.pair_kernels import converge, fit_step, mean_hues
 from .kernels.pixel_kernels import BUFFER, TERMS, Optics, extents_of
 from .kernels.template_kernels import SLOPED, UNEVEN, Around, Pool, follow, settle, stale
 from .pair_state import PairFits, PairState, chosen
+from .settings import PairSettings
 from .templates import NO_TEMPLATES, empty_templates
 
 Array = NDArray[np.float64]
@@ -27,34 +28,8 @@ Array32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
-#: Pixels up to so many standard deviations outside an edge are read, where sizes are fitted.
-_REACH = 3.0
-#: The same, where places alone are fitted.
-_CLOSE = 2.0
-#: A fit whose last step was larger than this did not converge [px].
-_NEARLY = 0.3
-#: Steps with uneven light, at most.
-_UNEVEN_STEPS = 6
-#: Blur that is assumed first, standard deviation [px].
-_FIRST_BLUR = 0.8
 #: Level of black of a picture without fog or stray light.
 _NO_LIFT = (0.0, 0.0, 0.0)
-#: Neighbours of a pair that the light's slope is read off.
-_NEIGHBOURS = 6
-#: Pairs next to each pair at rest that may come to lie on it.
-_OVERLAPPING = 12
-#: Markers of a layer within this many radii of each other cannot be told apart with certainty.
-_CROWDED = 1.2
-#: Markers within this many radii touch: they take more and smaller steps.
-_TOUCHING = 2.1
-#: Markers within this many radii share the light between their edges.
-_BESIDE = 2.7
-#: Further steps of pairs that touch, at most.
-_TOUCHING_STEPS = 30
-#: Their last step is smaller than that of other pairs by this factor.
-_SMALLER = 0.1
-#: Further steps of pairs that touch are undone where they raise the misfit by this factor.
-_WORSE = 1.1
 
 
 def level_variance(noise: float) -> float:
@@ -82,7 +57,9 @@ def level_tables(black: tuple[float, ...], noise: float) -> tuple[Array32, Array
     return linear.astype(np.float32), weight.astype(np.float32)
 
 
-def prepare_fit(rest: RestFrame, palette: Palette, noise: float) -> tuple["PairFit", PairState]:
+def prepare_fit(
+    rest: RestFrame, palette: Palette, noise: float, settings: PairSettings
+) -> tuple["PairFit", PairState]:
     """Fit of a sensor's pairs with nominal shapes and colours, and the state to start from.
 
     Parameters
@@ -100,7 +77,7 @@ def prepare_fit(rest: RestFrame, palette: Palette, noise: float) -> tuple["PairF
     position[:layers] = rest.position
     radius = np.append(rest.radius, rest.radius[-1:])[:2]
     middle = np.nanmean(position, axis=0)
-    near = neighbours(middle, _NEIGHBOURS)
+    near = neighbours(middle, settings.near)
     optics = Optics(
         linear=linear,
         weight=weight,
@@ -109,9 +86,9 @@ def prepare_fit(rest: RestFrame, palette: Palette, noise: float) -> tuple["PairF
         ground=rest.ground.astype(np.float32),
         absorbed=nominal.astype(np.float32),
         shapes=np.tile(radius[:, None, None, None] * np.eye(2), (1, count, 1, 1)),
-        neighbours=neighbours(middle, _OVERLAPPING),
-        width=edge_width(_FIRST_BLUR),
-        reach=_REACH,
+        neighbours=neighbours(middle, settings.overlapping),
+        width=edge_width(settings.first_blur),
+        reach=settings.reach,
     )
     fit = PairFit(
         optics=optics,
@@ -121,6 +98,7 @@ def prepare_fit(rest: RestFrame, palette: Palette, noise: float) -> tuple["PairF
         near=near,
         to_slope=_slope_matrices(middle, near),
         buffer=np.zeros(BUFFER, dtype=np.float32),
+        settings=settings,
     )
     fits = np.zeros((count, 2, 5))
     # A layer that has no marker here still needs a place.
@@ -164,6 +142,7 @@ class PairFit:
     free: numbers of each layer that are fitted: 5, or its place alone, 2
     rows: every `rows`-th row of the image is read
     arrived: a pair whose step moves no edge by more than this has converged [px]
+    settings: tuned numbers
     """
 
     optics: Optics
@@ -173,13 +152,14 @@ class PairFit:
     near: NDArray[np.int64]
     to_slope: Array
     buffer: Array32
+    settings: PairSettings
     free: int = 5
     rows: int = 1
     arrived: float = 0.0
 
     def with_effort(self, free: int, rows: int, arrived: float) -> "PairFit":
         """The same fit with another effort; see the attributes of these names."""
-        optics = self.optics._replace(reach=_CLOSE) if free == 2 else self.optics
+        optics = self.optics._replace(reach=self.settings.close) if free == 2 else self.optics
         return replace(self, optics=optics, free=free, rows=rows, arrived=arrived)
 
     def with_shapes_of(self, state: PairState) -> tuple["PairFit", PairState]:
@@ -288,12 +268,12 @@ class PairFit:
     @cached_property
     def crowded_radii(self) -> Array:
         """Distances of layers' markers that may be confused, and that touch [px], shape (2, 2)."""
-        return np.outer([_CROWDED, _TOUCHING], self.radius)
+        return np.outer([self.settings.crowded, self.settings.touching], self.radius)
 
     @cached_property
     def touching_radii(self) -> Array:
         """Distances of layers' markers that share light, and that touch [px], shape (2, 2)."""
-        return np.outer([_BESIDE, _TOUCHING], self.radius)
+        return np.outer([self.settings.beside, self.settings.touching], self.radius)
 
     def hues(self, image: Image, fits: Array) -> Array:
         """Mean hue inside each first-layer marker [°], shape (M,)."""
@@ -346,19 +326,20 @@ class PairFit:
         typical = max(1.0, median(work.misfit))
         uneven = wanted & np.isfinite(work.misfit) & (work.misfit > UNEVEN * typical)
         active = uneven
-        for turn in range(_UNEVEN_STEPS):
+        for turn in range(self.settings.uneven_steps):
             if not active.any():
                 break
             work.step(active, uneven, beside)
             # The misfit after a step is known at the next one.
             active = active & np.isfinite(work.misfit) & ((work.moved > self.arrived) | (turn == 0))
-        work.misfit[wanted & (work.moved > max(self.arrived, _NEARLY))] = np.inf
+        work.misfit[wanted & (work.moved > max(self.arrived, self.settings.nearly))] = np.inf
 
     def _refine(self, work: "_Work", refined: Mask, beside: Mask) -> Mask:
         """More steps for pairs that touch; returns the pairs that share the light at their edges.
 
         Each is fitted to where the others were, so that they converge slowly.
         """
+        settings = self.settings
         if not refined.any():
             return beside
         state = work.state
@@ -367,12 +348,13 @@ class PairFit:
         before = [values[refined] for values in results]
         beside = beside | refined
         active = refined
-        for _ in range(_TOUCHING_STEPS):
+        for _ in range(settings.touching_steps):
             if not active.any():
                 break
             work.step(active, even, beside)
-            active = active & np.isfinite(work.misfit) & (work.moved > _SMALLER * self.arrived)
-        worse = ~(work.misfit[refined] < _WORSE * before[3])
+            on = work.moved > settings.smaller * self.arrived
+            active = active & np.isfinite(work.misfit) & on
+        worse = ~(work.misfit[refined] < settings.worse * before[3])
         back = np.flatnonzero(refined)[worse]
         for values, kept in zip(results, before, strict=True):
             values[back] = kept[worse]

@@ -10,9 +10,6 @@ from .kernels.neighbour_kernels import median
 
 Array = NDArray[np.float64]
 
-#: Misfit that a pair counts with where no fit was found.
-_NOT_FOUND = 1e9
-
 
 @dataclass(frozen=True)
 class PairState:
@@ -75,7 +72,7 @@ class PairFits:
     @property
     def score(self) -> float:
         """Median misfit, pairs without a fit counted as very large."""
-        return float(median(np.minimum(self.misfit, _NOT_FOUND)))
+        return float(median(np.minimum(self.misfit, 1e9)))
 
 
 def chosen(which: NDArray[np.bool_], first: PairState, second: PairState) -> PairState:

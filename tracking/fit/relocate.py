@@ -16,28 +16,10 @@ from ...render import decoding_table
 from ..detection import RestFrame, neighbours
 from ..palette import Palette
 from ..unmixing import unmixing_matrix
+from .settings import RelocationSettings
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
-
-#: Side of the blocks in which the light is measured [pitch].
-_BLOCK = 2.0
-#: Share of a block's pixels that certainly is ground.
-_GROUND_SHARE = 0.3
-#: Smallest area of a blob over the markers' area at rest.
-_SMALLEST = 0.4
-#: Largest one.
-_LARGEST = 2.2
-#: A blob further than this from the predicted place is another marker [pitch].
-_REACH = 0.45
-#: A blob closer than this to the predicted place is certain [pitch].
-_CERTAIN = 0.2
-#: A blob further away is certain only if the next one is this many times as far.
-_NEARLY = 1.5
-#: Neighbours that predict the place of a marker.
-_AROUND = 8
-#: Weight of the prior of no slope in the neighbours' displacement [px].
-_STIFF = 8.0
 
 
 @dataclass(frozen=True)
@@ -65,10 +47,13 @@ class Relocator:
     ----------
     rest: see RestFrame
     palette: of the markers
+    settings: tuned numbers
     """
 
-    def __init__(self, rest: RestFrame, palette: Palette) -> None:
-        self._rest = rest
+    def __init__(
+        self, rest: RestFrame, palette: Palette, settings: RelocationSettings = RelocationSettings()
+    ) -> None:
+        self._rest, self._settings = rest, settings
         self._matrix = unmixing_matrix(palette.transmittance).astype(np.float32)
         self._bright = palette.bright
         self._skin = rest.ground[..., 0] > 0.0
@@ -81,7 +66,7 @@ class Relocator:
         middle = np.nanmean(rest.position, axis=0)
         away = np.linalg.norm(middle - middle.mean(axis=0), axis=1)
         self._order = np.argsort(-away)
-        self._near = neighbours(middle, 3 * _AROUND - 1)
+        self._near = neighbours(middle, 3 * settings.around - 1)
         self._middle = middle
 
     def __call__(self, image: Image) -> Relocated:
@@ -97,6 +82,7 @@ class Relocator:
 
     def _blobs(self, image: Image) -> tuple[list[Array], NDArray[np.float32]]:
         """Centres (n, 2) of each layer's blobs, and logarithm of the light over rest, (H, W, 3)."""
+        settings = self._settings
         ratio = np.asarray(cv2.LUT(image, self._log_levels)) - self._log_ground
         ratio[~self._skin] = 0.0
         gains = self._light(ratio)
@@ -107,17 +93,18 @@ class Relocator:
             mask = ((density[..., layer] > 0.5) & self._skin).astype(np.uint8)
             _, _, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=4)
             areas = stats[1:, cv2.CC_STAT_AREA]
-            fit = (areas > _SMALLEST * area) & (areas < _LARGEST * area)
+            fit = (areas > settings.smallest * area) & (areas < settings.largest * area)
             blobs.append(np.asarray(centres[1:][fit], dtype=float))
         return blobs, gains
 
     def _light(self, ratio: NDArray[np.float32]) -> NDArray[np.float32]:
         """Logarithm of the light on the ground over that at rest, shape (H, W, 3)."""
+        settings = self._settings
         height, width = self._skin.shape
-        size = max(8, round(_BLOCK * self._rest.pitch))
+        size = max(8, round(settings.block * self._rest.pitch))
         rows, cols = -(-height // size), -(-width // size)
         blocks = np.full((rows, cols, 3), np.nan, dtype=np.float32)
-        share = _GROUND_SHARE if self._bright else 1.0 - _GROUND_SHARE
+        share = settings.ground_share if self._bright else 1.0 - settings.ground_share
         for row in range(rows):
             for col in range(cols):
                 part = np.s_[row * size : (row + 1) * size : 2, col * size : (col + 1) * size : 2]
@@ -141,11 +128,12 @@ class Relocator:
         self, rest: Array, blobs: Array
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """Positions of one layer's markers, whether found, and whether ambiguous."""
+        settings = self._settings
         count = len(rest)
         present = np.isfinite(rest[:, 0])
         moved = np.full((count, 2), np.nan)
         ambiguous = np.zeros(count, dtype=np.bool_)
-        reach = _REACH * self._rest.pitch
+        reach = settings.reach * self._rest.pitch
         tree = scipy.spatial.KDTree(blobs) if len(blobs) else None
         owner = np.full(len(blobs), -1)
         # A second time for markers that had too few numbered neighbours the first time.
@@ -162,8 +150,8 @@ class Relocator:
                 owner[blob[0]] = m
                 ambiguous[m] = (
                     len(distance) > 1
-                    and distance[0] > _CERTAIN * self._rest.pitch
-                    and distance[1] < _NEARLY * distance[0]
+                    and distance[0] > settings.certain * self._rest.pitch
+                    and distance[1] < settings.nearly * distance[0]
                 )
         found = np.isfinite(moved[:, 0])
         for m in np.flatnonzero(~found):
@@ -172,8 +160,9 @@ class Relocator:
 
     def _expected(self, m: int, moved: Array) -> Array:
         """Displacement [px] of a marker that its numbered neighbours predict."""
+        settings = self._settings
         near = self._near[m]
-        known = near[np.isfinite(moved[near, 0])][:_AROUND]
+        known = near[np.isfinite(moved[near, 0])][: settings.around]
         if len(known) == 0:
             return np.zeros(2)
         offsets = self._middle[known] - self._middle[m]
@@ -184,6 +173,6 @@ class Relocator:
         # A plane through them; the prior determines it across neighbours that lie on a line.
         centre = weight @ offsets / weight.sum()
         apart = (offsets - centre) * weight[:, None]
-        square = apart.T @ (offsets - centre) + _STIFF**2 * np.eye(2)
+        square = apart.T @ (offsets - centre) + settings.stiff**2 * np.eye(2)
         slope = np.linalg.solve(square, apart.T @ (moved[known] - mean))
         return np.asarray(mean - centre @ slope)

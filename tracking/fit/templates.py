@@ -13,11 +13,6 @@ from .kernels.template_kernels import UNKNOWNS, Pool
 
 Array = NDArray[np.float64]
 
-#: Pixels that a pair has room for, over those of one marker.
-_ROOM = 1.6
-#: Pixels that are in a row's blocks beside those that are read.
-_SPARE = 7.0
-
 
 def empty_templates(pairs: int, neighbours: int, radius: float, rows: int) -> Pool:
     """Room for the templates of some pairs, none of which is made yet.
@@ -28,8 +23,10 @@ def empty_templates(pairs: int, neighbours: int, radius: float, rows: int) -> Po
     radius: of a marker with its blurred edge [px]
     rows: every `rows`-th row of the image is read
     """
-    lines = int(2.0 * _ROOM * radius / rows) + 2
-    blocks = int((_ROOM * np.pi * radius**2 / rows + _SPARE * lines) / BLOCK) + 1
+    # Pixels of a pair over those of one marker, and of a row's blocks next to those that are read.
+    room, spare = 1.6, 7.0
+    lines = int(2.0 * room * radius / rows) + 2
+    blocks = int((room * np.pi * radius**2 / rows + spare * lines) / BLOCK) + 1
     return Pool(
         levels=np.zeros((pairs, 3 * BLOCK * blocks), dtype=np.int16),
         tells=np.zeros((pairs, 10 * BLOCK * blocks), dtype=np.int8),

@@ -15,14 +15,15 @@ from ...render import Frame
 from ..palette import Palette
 from ..trackers import check_frame
 from ..tracks import Tracks
-from .at_rest import STEPS, WORSE, AtRest, FitSettings, fit_rest, visible_markers
+from .at_rest import AtRest, fit_rest, visible_markers
 from .compression import compression, deviations, fine_part
 from .kernels.survey_kernels import report, velocities
 from .looks import astray, better, judge, surveyed, untangled, worth
-from .memory import PATIENCE, Look, Memory
+from .memory import Look, Memory
 from .pair_fit import level_variance
 from .pair_state import PairFits, PairState
 from .relocate import Relocated
+from .settings import FitSettings
 from .templates import forget
 from .tuning import faded, tune
 
@@ -37,15 +38,6 @@ SPARSE = FitSettings(rows=2, limit=0.1)
 #: The same, with templates that are kept for longer.
 QUICK = FitSettings(rows=2, limit=0.2)
 
-#: A fit of the colours helped where it lowers the misfit to less than this share.
-_BETTER = 0.98
-#: Newly lost markers that have all markers detected anew: more than this number …
-_FEW = 3
-#: … and more than this share.
-_FEW_SHARE = 0.02
-#: Standard deviation added to the log size of a marker that touches another one of its layer.
-_TOUCHING_SIZE = 0.003
-
 
 class MarkerTracker:
     """Fits place, size and strain of all markers of both layers, and the light on them.
@@ -54,7 +46,7 @@ class MarkerTracker:
     ----------
     palette: of the markers
     noise: standard deviation of the camera noise [grey levels]; rounding is added to it
-    settings: effort that is spent on a frame
+    settings: effort of a frame, and tuned numbers
 
     Attributes
     ----------
@@ -87,7 +79,7 @@ class MarkerTracker:
         """
         known, fits = fit_rest(rest, self._palette, self._noise, self.settings)
         self._known = known
-        visible = visible_markers(fits)
+        visible = visible_markers(fits, self.settings)
         self._memory = Memory(
             start=known.state.unsloped(),
             velocity=np.zeros_like(known.state.fits),
@@ -96,6 +88,7 @@ class MarkerTracker:
             intact=visible,
             last_seen=np.where(visible.T, rest[-1].time, np.nan)[: known.layers],
             typical=known.typical,
+            patience=self.settings.patience,
         )
         look = surveyed(known, self._memory, fits)
         tracks = _tracks(known, self._memory, rest[-1], look, np.zeros_like(visible))
@@ -139,21 +132,23 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
     image = np.ascontiguousarray(frame.image)
     memory = replace(memory, frames=memory.frames + 1)
     start = memory.expected()
-    limit = known.settings.limit
+    settings = known.settings
+    limit, steps = settings.limit, settings.steps
     calm = abs(memory.velocity[..., :2]).max(axis=(1, 2)) < limit
-    fits = known.fit.follow(image, start, calm, limit, memory.templates, STEPS)
+    fits = known.fit.follow(image, start, calm, limit, memory.templates, steps)
     look = judge(known, memory, image, fits, start)
     if astray(known, memory, look, 0):
         # The skin may have reversed its motion.
         still = memory.start.unsloped()
-        look = better(look, judge(known, memory, image, known.fit.fit(image, still, STEPS), still))
+        look = better(look, judge(known, memory, image, known.fit.fit(image, still, steps), still))
     look = untangled(known, memory, image, look)
     ambiguous = look.torn
-    steady = not astray(known, memory, look, max(_FEW, int(_FEW_SHARE * len(look.visible))))
+    few = max(settings.few, int(settings.few_share * len(look.visible)))
+    steady = not astray(known, memory, look, few)
     if not steady:
         relocated = known.relocator(image)
         start = _start_at(known, memory, relocated)
-        again = judge(known, memory, image, known.fit.fit(image, start, STEPS), start)
+        again = judge(known, memory, image, known.fit.fit(image, start, steps), start)
         if worth(again) >= worth(look):
             look = again
             unsure = np.zeros_like(look.visible)
@@ -182,41 +177,42 @@ def _tuned(
     It is time when the pairs are explained worse than before, and now and then while they are
     explained worse than at rest: what is left there no colours explain.
     """
-    least = 1.0
+    settings, least = known.settings, 1.0
     waited, patience = memory.waited + 1, memory.patience
 
     def is_time(typical: float) -> bool:
-        worse = typical > WORSE * known.typical
-        return typical > WORSE * memory.typical or (worse and waited > patience)
+        worse = typical > settings.worse * known.typical
+        return typical > settings.worse * memory.typical or (worse and waited > patience)
 
     before = look.fits.typical
     tried = is_time(before)
     if tried:
         # Templates explain less as the pairs move on, which no colours change.
         forget(memory.templates)
-        fresh = known.fit.fit(image, look.fits.state.unsloped(), STEPS)
+        fresh = known.fit.fit(image, look.fits.state.unsloped(), settings.steps)
         before = min(before, fresh.typical)  # what is gained by that is not the colours' merit
         look = better(look, judge(known, memory, image, fresh, start))
         tried = is_time(look.fits.typical)
     typical = look.fits.typical
-    worse = typical > WORSE * memory.typical
+    worse = typical > settings.worse * memory.typical
     if tried:
-        waited, patience = 0, PATIENCE if worse else 2 * patience
-        fits = tune(known.fit, image, look.fits, memory.start.fits, STEPS)
+        waited, patience = 0, settings.patience if worse else 2 * patience
+        shapes = memory.start.fits
+        fits = tune(known.fit, image, look.fits, shapes, settings.steps, settings.tuning)
         light = fits.state
         if fits is look.fits:
             # No light explains more, and it is not tried again where it is as bad again.
             least = memory.typical
-        elif not faded(known.fit, light):
+        elif not faded(known.fit, light, settings.tuning):
             start = replace(start, absorbed=light.absorbed, width=light.width, black=light.black)
             look = judge(known, memory, image, fits, start)
             forget(memory.templates)
             ambiguous = look.visible & (look.torn | ambiguous)
             typical = look.fits.typical
-            if typical < _BETTER * before:
-                patience = PATIENCE
+            if typical < settings.better * before:
+                patience = settings.patience
     memory = replace(memory, waited=waited, patience=patience)
-    if tried or not memory.typical / WORSE < typical < WORSE * memory.typical:
+    if tried or not memory.typical / settings.worse < typical < settings.worse * memory.typical:
         memory = replace(memory, typical=max(least, min(typical, 1e6)))
     return memory, look, ambiguous
 
@@ -276,9 +272,9 @@ def _tracks(known: AtRest, memory: Memory, frame: Frame, look: Look, ambiguous: 
     if factor > 1.0:
         offset = (fits - known.state.fits)[..., :2]
         moved = np.linalg.norm(np.where(visible[..., None], offset, 0.0), axis=2).max(axis=1)
-        spread = deviations(factor, moved)
+        spread = deviations(factor, moved, known.settings.compression)
     # Where markers touch, sizes depend on the light between them, which is less certain.
-    doubt = _TOUCHING_SIZE**2 * look.touching
+    doubt = known.settings.touching_size**2 * look.touching
     report(
         fit.state.gains, known.state.gains, fit.misfit, visible, known.fit.near, spread, doubt,
         fits, covariance, log_size,
@@ -298,6 +294,7 @@ def _tracks(known: AtRest, memory: Memory, frame: Frame, look: Look, ambiguous: 
 
 
 def _compression(known: AtRest, image: Image, fit: PairFits) -> float:
-    """What compression enlarged the deviations of a frame by; 1 for none."""
+    """Factor of compression on the deviations of a frame; 1 for none."""
     residual = np.sqrt(fit.typical * level_variance(known.fit.noise))
-    return compression(float(residual), fine_part(image, known.flat))
+    own = known.settings.compression
+    return compression(float(residual), fine_part(image, known.flat), own)

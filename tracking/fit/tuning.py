@@ -12,33 +12,23 @@ from numpy.typing import NDArray
 from .kernels.light_kernels import light_sums
 from .pair_fit import PairFit
 from .pair_state import PairFits, PairState
+from .settings import TuningSettings
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Factor by which an edge is tried wider or narrower.
-_WIDER = 1.15
-#: The widest edge that is tried, and the inverse of the narrowest, over that at rest.
-_WIDEST = 4.0
-#: Colours and places are fitted in turns, this often.
-_ROUNDS = 2
-#: Levels of black that are tried [grey levels]. Levels next to 0 would be taken for a dye's light.
-_BLACKS = (-32.0, -16.0, 0.0, *np.arange(16.0, 121.0, 8.0).tolist())
-#: A dye with less than this share of its contrast at rest cannot be fitted.
-_FADED = 0.15
-#: Standard deviation of the palette's colours: of the share of light that a dye absorbs.
-_KNOWN = 0.03
-#: Weight of an image beside the palette, over that of its noise alone: the model's own errors are
-#: common to all pixels.
-_OWN_ERRORS = 1.0 / 300.0
-#: Pairs that are explained so many times worse than the typical one count less: at the rim, where
-#: the ground is not known well, a few would decide the colours of all.
-_ODD = 2.0
 #: Signs of a₀, a₁ and b in the light over the ground's.
 _SIGNS = np.array([-1.0, -1.0, 1.0])
 
 
-def tune(fit: PairFit, image: Image, before: PairFits, shapes: Array, steps: int) -> PairFits:
+def tune(
+    fit: PairFit,
+    image: Image,
+    before: PairFits,
+    shapes: Array,
+    steps: int,
+    settings: TuningSettings,
+) -> PairFits:
     """Fit with colours, blur and level of black that explain the image best, or the one before.
 
     Parameters
@@ -47,22 +37,23 @@ def tune(fit: PairFit, image: Image, before: PairFits, shapes: Array, steps: int
     image, before: a fit to the image that may not explain it
     shapes: fits (M, 2, 5) whose sizes and strains are kept until the colours are known: they would
         make up for wrong colours
-    steps: of each fit, at most
+    steps: largest number of steps of each fit
+    settings: tuned numbers
     """
     places = fit.with_effort(2, fit.rows, fit.arrived)
     fits = np.concatenate([before.state.fits[..., :2], shapes[..., 2:]], axis=-1)
     start = replace(before.state, fits=fits)
-    start = replace(start, black=_black(fit, image, start))
+    start = replace(start, black=_black(fit, image, start, settings))
 
     def tuned(width: float) -> PairFits:
         state = replace(start, width=width)
-        for _ in range(_ROUNDS):
-            state = places.fit(image, _with_colours(fit, image, state), steps).state
-        return fit.fit(image, _with_colours(fit, image, state), steps)
+        for _ in range(settings.rounds):
+            state = places.fit(image, _with_colours(fit, image, state, settings), steps).state
+        return fit.fit(image, _with_colours(fit, image, state, settings), steps)
 
     best = min(before, tuned(before.state.width), key=lambda fits: fits.score)
-    for factor in (_WIDER, 1.0 / _WIDER):
-        while 1.0 < _WIDEST * fit.optics.width / best.state.width < _WIDEST**2:
+    for factor in (settings.wider, 1.0 / settings.wider):
+        while 1.0 < settings.widest * fit.optics.width / best.state.width < settings.widest**2:
             tried = tuned(factor * best.state.width)
             if not tried.score < best.score:
                 break
@@ -70,29 +61,33 @@ def tune(fit: PairFit, image: Image, before: PairFits, shapes: Array, steps: int
     return best
 
 
-def faded(fit: PairFit, state: PairState) -> bool:
+def faded(fit: PairFit, state: PairState, settings: TuningSettings) -> bool:
     """Whether a dye of a state has lost so much contrast that the fit means nothing."""
     now = np.linalg.norm(state.absorbed[:2], axis=1)
-    return bool((now < _FADED * np.linalg.norm(fit.nominal[:2], axis=1)).any())
+    return bool((now < settings.faded * np.linalg.norm(fit.nominal[:2], axis=1)).any())
 
 
-def _with_colours(fit: PairFit, image: Image, state: PairState) -> PairState:
+def _with_colours(
+    fit: PairFit, image: Image, state: PairState, settings: TuningSettings
+) -> PairState:
     """State with the colours that explain the image best on its markers, and gains to match."""
     pairs, sums = _light_sums(fit, image, state)
-    absorbed, gain, _ = _fit_colours(sums, fit.nominal)
+    absorbed, gain, _ = _fit_colours(sums, fit.nominal, settings)
     gains = state.gains.copy()
     gains[pairs] *= gain
     # Rows one after another, as in `prepare_fit`: else every kernel would be compiled once more.
     return replace(state, absorbed=absorbed.astype(np.float32, order="C"), gains=gains)
 
 
-def _black(fit: PairFit, image: Image, state: PairState) -> tuple[float, ...]:
+def _black(
+    fit: PairFit, image: Image, state: PairState, settings: TuningSettings
+) -> tuple[float, ...]:
     """Level of black in each channel that leaves the least doubt about the colours."""
     doubts = []
-    for level in _BLACKS:
+    for level in settings.blacks:
         _, sums = _light_sums(fit, image, replace(state, black=(level,) * 3))
-        doubts.append(_fit_colours(sums, fit.nominal)[2])
-    return tuple(_BLACKS[best] for best in np.argmin(doubts, axis=0))
+        doubts.append(_fit_colours(sums, fit.nominal, settings)[2])
+    return tuple(settings.blacks[best] for best in np.argmin(doubts, axis=0))
 
 
 def _light_sums(fit: PairFit, image: Image, state: PairState) -> tuple[NDArray[np.intp], Array]:
@@ -106,7 +101,7 @@ def _light_sums(fit: PairFit, image: Image, state: PairState) -> tuple[NDArray[n
     return pairs, sums[pairs]
 
 
-def _fit_colours(sums: Array, known: Array) -> tuple[Array, Array, Array]:
+def _fit_colours(sums: Array, known: Array, settings: TuningSettings) -> tuple[Array, Array, Array]:
     """Colours near the known ones that explain the pairs best, each pair with gains of its own.
 
     Parameters
@@ -123,7 +118,7 @@ def _fit_colours(sums: Array, known: Array) -> tuple[Array, Array, Array]:
     model, product = _explained(sums, known)
     gain = product / model
     left = sums[:, :, 4, 4] - product**2 / model
-    most = _ODD * np.median(left, axis=0) if len(left) else np.zeros(3)
+    most = settings.odd * np.median(left, axis=0) if len(left) else np.zeros(3)
     # In a picture of one colour nothing is left over, which is no oddity.
     weight = np.divide(most, left, out=np.ones_like(left), where=left > most)
     sums = sums * weight[..., None, None]
@@ -131,13 +126,14 @@ def _fit_colours(sums: Array, known: Array) -> tuple[Array, Array, Array]:
     mean = sums[:, :, 0, 1:4] / sums[:, :, :1, 0]
     inner = sums[:, :, 1:4, 1:4] - sums[:, :, :1, 1:4] * mean[..., None]
     pull = sums[:, :, 1:4, 4] - mean * sums[:, :, :1, 4]
-    weight = _OWN_ERRORS * gain  # a channel without light has no gain, and no weight
-    matrix = np.einsum("nc,ncij->cij", weight * gain, inner) + np.eye(3) / _KNOWN**2
-    right = np.einsum("nc,nci->ci", weight, pull) + (_SIGNS[:, None] * known).T / _KNOWN**2
+    variance = settings.palette_error**2
+    weight = settings.own_errors * gain  # a channel without light has no gain, and no weight
+    matrix = np.einsum("nc,ncij->cij", weight * gain, inner) + np.eye(3) / variance
+    right = np.einsum("nc,nci->ci", weight, pull) + (_SIGNS[:, None] * known).T / variance
     absorbed = _SIGNS[:, None] * np.linalg.solve(matrix, right[..., None])[..., 0].T
     model, product = _explained(sums, absorbed)
     residual = (sums[:, :, 4, 4] - product**2 / model).sum(axis=0)
-    doubt = _OWN_ERRORS * residual + ((absorbed - known) ** 2).sum(axis=0) / _KNOWN**2
+    doubt = settings.own_errors * residual + ((absorbed - known) ** 2).sum(axis=0) / variance
     return absorbed, product / model, doubt
 
 

@@ -22,7 +22,7 @@ from .calibration import (
     with_values,
 )
 from .displacement import DisplacementGains, fit_gains, skin_displacement
-from .dome import untouched_field
+from .dome import ContactSettings, TractionSettings, untouched_field
 from .friction import (
     CAMERA_RULE,
     FRICTION,
@@ -30,6 +30,7 @@ from .friction import (
     Z90,
     FrictionEstimate,
     FrictionRule,
+    FrictionSettings,
     core_quantile,
     max_ratio,
 )
@@ -51,6 +52,7 @@ from .reconstructors import (
     needs_readout,
 )
 from .rest_fit import rest_pose
+from .rest_settings import PlacementSettings, PoseSettings
 from .shifts import MEASURED, MarkerShifts, floor_variances
 from .silicone_values import SILICONE_ERROR, SiliconeValues, silicone_names, yellow_moves
 
@@ -69,17 +71,22 @@ __all__ = [
     "Z90",
     "Alignment",
     "CameraPose",
+    "ContactSettings",
     "DisplacementGains",
     "FitReport",
     "FrictionEstimate",
     "FrictionRule",
+    "FrictionSettings",
     "MarkerShifts",
     "NoEstimateError",
     "Placement",
+    "PlacementSettings",
+    "PoseSettings",
     "PoseTable",
     "Reconstructor",
     "SensorCalibration",
     "SiliconeValues",
+    "TractionSettings",
     "Values",
     "aligned",
     "alignment",

@@ -17,13 +17,6 @@ from ..tracks import Tracks
 Array = NDArray[np.float64]
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 
-#: Quartile of a normal distribution, in standard deviations.
-_QUARTILE = 0.6745
-#: Markers whose error is more than this many standard deviations are at an edge of the plate.
-_FAR = 3.0
-#: Rounds in which these are left out.
-_ROUNDS = 3
-
 
 class DisplacementGains(Table, frozen=True, kw_only=True):
     """Gains from changes of a marker's image to the displacement of the skin at it.
@@ -135,8 +128,10 @@ def _gain(values: Array, inputs: Array) -> tuple[list[float], float] | None:
         return None
     values, inputs = values[known], inputs[known]
     factors = np.linalg.lstsq(inputs, np.nanmedian(values, axis=1), rcond=None)[0]
-    for _ in range(_ROUNDS):
+    for _ in range(3):
         error = values - (inputs @ factors)[:, None]
-        near = abs(error) <= _FAR * np.nanmedian(abs(error)) / _QUARTILE
+        # Markers further off than three standard deviations are at an edge of the plate; 0.6745 of
+        # one is the quartile of a normal distribution.
+        near = abs(error) <= 3.0 * np.nanmedian(abs(error)) / 0.6745
         factors = np.linalg.lstsq(inputs[np.nonzero(near)[0]], values[near], rcond=None)[0]
     return factors.tolist(), float(error[near].std())

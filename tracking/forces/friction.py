@@ -13,25 +13,35 @@ from numpy.typing import NDArray
 
 from ...model import ForceField, FrictionReading
 
-#: A node belongs to the core of a contact above this share of the largest normal force.
-CORE_SHARE = 0.3
-#: Quantile of the core's ratios: the maximum is biased upwards by noise, so towards unsafe.
-CORE_QUANTILE = 0.75
-#: The core counts as mostly slipping when its lower quartile is above this share of the upper one.
-SLIPPING_SPREAD = 0.8
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionSettings:
+    """Tuned numbers of the estimate of µ.
+
+    Attributes
+    ----------
+    core_share: share of the largest normal force above which a node belongs to the core
+    core_quantile: quantile of the core's ratios that is µ; noise biases the largest one upwards,
+        which is unsafe
+    slipping_spread: lower quartile of the core's ratios over the upper one, above which most of it
+        slips
+    ratio_error: error of a ratio in addition to that of the field's covariance
+    majority: share of the averaged fields that must allow µ to fall
+    """
+
+    core_share: float = 0.3
+    core_quantile: float = 0.75
+    slipping_spread: float = 0.8
+    ratio_error: float = 0.06
+    majority: float = 0.5
+
+
 #: Above this margin too little of the contact slips for its ratios to show µ.
 OBSERVABLE_MARGIN = 0.85
 #: Two-sided 90 % of a normal distribution.
 Z90 = 1.645
 #: Upper end of the interval of µ where only a lower bound is known.
 LARGEST_FRICTION = 2.0
-
-#: Error of a ratio beside the one that the field's covariance states.
-_RATIO_ERROR = 0.06
-#: Frame times are products of a period: allowance for their rounding [s].
-_ROUNDING = 1e-9
-#: Share of the averaged fields that must allow µ to fall before it falls.
-_MAJORITY = 0.5
 
 
 def max_ratio(field: ForceField) -> float:
@@ -41,19 +51,19 @@ def max_ratio(field: ForceField) -> float:
     return float(_ratios(field, np.flatnonzero(field.contact)).max())
 
 
-def core_quantile(field: ForceField) -> float:
+def core_quantile(field: ForceField, settings: FrictionSettings = FrictionSettings()) -> float:
     """Upper quartile of the core's ratios; NaN without contact."""
-    ratios = _ratios(field, _core(field))
-    return float(np.quantile(ratios, CORE_QUANTILE)) if len(ratios) else math.nan
+    ratios = _ratios(field, _core(field, settings))
+    return float(np.quantile(ratios, settings.core_quantile)) if len(ratios) else math.nan
 
 
-def mostly_slipping(field: ForceField) -> bool:
+def mostly_slipping(field: ForceField, settings: FrictionSettings = FrictionSettings()) -> bool:
     """Whether the core's ratios are nearly all alike, as they are where most of it slips."""
-    ratios = _ratios(field, _core(field))
+    ratios = _ratios(field, _core(field, settings))
     if not len(ratios):
         return False
-    low, high = np.quantile(ratios, [1.0 - CORE_QUANTILE, CORE_QUANTILE])
-    return bool(low > SLIPPING_SPREAD * high)
+    low, high = np.quantile(ratios, [1.0 - settings.core_quantile, settings.core_quantile])
+    return bool(low > settings.slipping_spread * high)
 
 
 def _read_out(field: ForceField) -> FrictionReading:
@@ -70,9 +80,11 @@ def _read_largest(field: ForceField) -> FrictionReading:
     return FrictionReading(value=value, deviation=math.nan, observable=observable)
 
 
-def _read_core(field: ForceField) -> FrictionReading:
+def _read_core(
+    field: ForceField, settings: FrictionSettings = FrictionSettings()
+) -> FrictionReading:
     """Upper quartile of the core's ratios, its error that of the upper half's mean."""
-    value, core, deviation = core_quantile(field), _core(field), math.nan
+    value, core, deviation = core_quantile(field, settings), _core(field, settings), math.nan
     if field.spread is not None and len(core):
         ratio = field.friction[core] / field.normal[core]
         rows = field.spread.reshape(2, len(field.normal), -1)[:, core]
@@ -80,7 +92,8 @@ def _read_core(field: ForceField) -> FrictionReading:
             rows[1] - ratio[:, None] * rows[0]
         )
         upper = np.abs(ratio) >= np.median(np.abs(ratio))
-        deviation = float(np.hypot(np.linalg.norm(change[upper].mean(axis=0)), _RATIO_ERROR))
+        stated = np.linalg.norm(change[upper].mean(axis=0))
+        deviation = float(np.hypot(stated, settings.ratio_error))
     observable = field.safety_margin(value) < OBSERVABLE_MARGIN
     return FrictionReading(value=value, deviation=deviation, observable=observable)
 
@@ -93,10 +106,10 @@ FRICTION: dict[str, Callable[[ForceField], FrictionReading]] = {
 }
 
 
-def _core(field: ForceField) -> NDArray[np.intp]:
+def _core(field: ForceField, settings: FrictionSettings = FrictionSettings()) -> NDArray[np.intp]:
     """Numbers of the well-loaded nodes of the contact; none without contact."""
     largest = field.normal[field.contact].max(initial=0.0)
-    return np.flatnonzero(field.contact & (field.normal > CORE_SHARE * largest))
+    return np.flatnonzero(field.contact & (field.normal > settings.core_share * largest))
 
 
 def _ratios(field: ForceField, nodes: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -106,11 +119,11 @@ def _ratios(field: ForceField, nodes: NDArray[np.intp]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionRule:
-    """How µ is read off one field, and which readings count.
+    """Rule for µ: its estimate from one field, and the readings that count.
 
     Attributes
     ----------
-    read: of one field, see FRICTION
+    read: estimate of one field, see FRICTION
     may_fall: fields that may lower µ. A grip raised under a standing load lets the skin stick
         again, and the ratios sink below µ without µ having changed.
     every: every field counts, not only those that show µ
@@ -132,13 +145,13 @@ def _read(field: ForceField) -> FrictionReading:
     return field.friction_reading or FRICTION["core-quantile"](field)
 
 
-def _may_fall(field: ForceField) -> bool:
-    return field.friction_reading is not None or mostly_slipping(field)
+def _may_fall(field: ForceField, settings: FrictionSettings = FrictionSettings()) -> bool:
+    return field.friction_reading is not None or mostly_slipping(field, settings)
 
 
 #: As the thesis does it: maximum ratio, every frame counts (Eq. 8).
 THESIS_RULE = FrictionRule(read=FRICTION["max-ratio"], may_fall=_always, every=True)
-#: For forces with noise: the reconstructor's own reading, or else the ratios' upper quartile; held
+#: For forces with noise: the reconstructor's own reading, or else the ratios' upper quartile; kept
 #: while µ cannot be seen.
 CAMERA_RULE = FrictionRule(read=_read, may_fall=_may_fall)
 
@@ -155,13 +168,13 @@ class _Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class _Memory:
-    """Readings that are averaged, µ that is held, and whether µ was observable since the reset.
+    """Readings that are averaged, µ that is kept, and whether µ was observable since the reset.
 
     `logarithmic`: whether the last reading is one of ln µ.
     """
 
     readings: tuple[_Reading, ...] = ()
-    held: float = -math.inf
+    kept: float = -math.inf
     observable: bool = False
     logarithmic: bool = False
 
@@ -182,10 +195,13 @@ class FrictionEstimate:
     ----------
     rule: how one field is read
     window: length of the average [s]
+    settings: tuned numbers
     """
 
-    def __init__(self, rule: FrictionRule, window: float) -> None:
-        self._rule = rule
+    def __init__(
+        self, rule: FrictionRule, window: float, settings: FrictionSettings = FrictionSettings()
+    ) -> None:
+        self._rule, self._settings = rule, settings
         self._window = window
         self._memory = _Memory()
 
@@ -206,7 +222,8 @@ class FrictionEstimate:
         as well, and the interval says so. A reading of ln µ knows its error without that.
         """
         memory = self._with_reading(time, field)
-        start = time - self._window + _ROUNDING
+        # Frame times are products of a period: allow for their rounding.
+        start = time - self._window + 1e-9
         readings = memory.readings
         full = bool(readings) and readings[0].time <= start
         # One reading stays, however old it is.
@@ -217,17 +234,17 @@ class FrictionEstimate:
             return math.nan, (math.nan, math.nan)
         weighted = all(reading.deviation > 0.0 for reading in readings)
         average = _average(readings, weighted)
-        mean, held = average.mean, memory.held
+        mean, kept = average.mean, memory.kept
         trusted = [reading for reading in readings if reading.may_fall]
-        if len(trusted) > _MAJORITY * len(readings):
+        if len(trusted) > self._settings.majority * len(readings):
             fallen = len(trusted) < len(readings)
-            mean = held = _average(trusted, weighted).mean if fallen else average.mean
+            mean = kept = _average(trusted, weighted).mean if fallen else average.mean
         else:
-            if full:  # the first few frames are too noisy to be held on to
+            if full:  # the first few frames are too noisy to rely on
                 stated = 0.0 if math.isnan(average.stated) else average.stated
-                held = max(held, mean - stated)
-            mean = max(held, mean)
-        self._memory = replace(memory, readings=readings, held=held)
+                kept = max(kept, mean - stated)
+            mean = max(kept, mean)
+        self._memory = replace(memory, readings=readings, kept=kept)
         # The error of a reading stays the same from frame to frame: it does not average out.
         known = [x for x in (average.scatter, average.stated) if not math.isnan(x)]
         spread = Z90 * max(known, default=math.nan)

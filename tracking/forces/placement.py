@@ -1,4 +1,4 @@
-"""Where the design's image lies in a picture that was scaled, cropped or padded."""
+"""Place of the design's image in a picture that was scaled, cropped or padded."""
 
 from dataclasses import dataclass
 
@@ -11,17 +11,9 @@ from ...render import SensorDesign
 from .pose import CameraPose
 from .rest_match import RestMarkers, Shift, markers_beside, spacing
 from .rest_search import likely_poses
+from .rest_settings import PlacementSettings
 
 Array = NDArray[np.float64]
-
-#: Smallest share of the markers in a picture that lie at places of the design. Specks, and markers
-#: that the edge cuts, lie elsewhere. Of another dome's spiral up to 0.88 lie at places too.
-_SHARE = 0.9
-#: Where the middle of the markers may be beside that of the design's [share of their reach]. First
-#: none is cut off, then those of any side.
-_MIDDLES = ((0.0, 0.0), (0.35, 0.0), (-0.35, 0.0), (0.0, 0.35), (0.0, -0.35))
-#: Loss of overlap over 1/√markers up to which two placements are equally good.
-_EQUAL = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +21,7 @@ class Placement:
     """The design's image in a picture, whose pixels' centres have whole coordinates.
 
     A roll is left to the pose of the camera. It turns the design about its optical axis, whose
-    pixel is told here.
+    pixel follows from this.
 
     Attributes
     ----------
@@ -43,8 +35,13 @@ class Placement:
     share: float
 
 
-def placement(sensor: SensorDesign, seen: list[Array], size: tuple[int, int]) -> Placement:
-    """Where the design's image lies in a picture of the unloaded sensor.
+def placement(
+    sensor: SensorDesign,
+    seen: list[Array],
+    size: tuple[int, int],
+    settings: PlacementSettings = PlacementSettings(),
+) -> Placement:
+    """Find the design's image in a picture of the unloaded sensor.
 
     Parameters
     ----------
@@ -63,29 +60,32 @@ def placement(sensor: SensorDesign, seen: list[Array], size: tuple[int, int]) ->
     scale, here, there = spacing(seen[0]) / spacing(outer), seen[0].mean(axis=0), outer.mean(axis=0)
     reach = float(np.median(np.linalg.norm(outer - there, axis=-1)))
     best = None
-    for middle in _MIDDLES:
+    for middle in settings.middles:
         # The search knows small shifts and scales only, so that the picture is brought near first.
         start = there + reach * np.array(middle)
-        markers = markers_beside(sensor, [start + (pixels - here) / scale for pixels in seen])
+        near = [start + (pixels - here) / scale for pixels in seen]
+        markers = markers_beside(sensor, near, settings.match)
         edges = start + (np.array([[0.0, 0.0], size]) - 0.5 - here) / scale
-        found = _best(markers, edges)
+        found = _best(markers, edges, settings)
         if found is not None and (best is None or found[1] > best.share):
             pose, share = found
             zoom = scale * pose.scale
             on_axis = here + scale * (axis + np.asarray(pose.shift) - start)
             left, top = map(float, on_axis - zoom * axis)
             best = Placement(scale=zoom, corner=(left, top), share=share)
-        if best is not None and best.share >= _SHARE:
+        if best is not None and best.share >= settings.share:
             return best
     raise UserError(
         f"{100 * (0.0 if best is None else best.share):.0f} % of the "
         f"{sum(len(pixels) for pixels in seen)} markers in the picture lie at places of the "
         f"calibrated sensor, however it is scaled, turned and shifted; allowed: at least "
-        f"{100 * _SHARE:.0f} %. Is it another sensor, or is much of it cut off?"
+        f"{100 * settings.share:.0f} %. Is it another sensor, or is much of it cut off?"
     )
 
 
-def _best(markers: RestMarkers, edges: Array) -> tuple[CameraPose, float] | None:
+def _best(
+    markers: RestMarkers, edges: Array, settings: PlacementSettings
+) -> tuple[CameraPose, float] | None:
     """The pose that explains the markers best, and the share of them that it explains.
 
     Parameters
@@ -94,12 +94,12 @@ def _best(markers: RestMarkers, edges: Array) -> tuple[CameraPose, float] | None
     edges: of the picture, upper left and lower right, shape (2, 2) [px]
     """
     scored = []
-    for pose in likely_poses(markers):
+    for pose in likely_poses(markers, settings.search):
         share, overlap, moved = _scores(markers, pose, edges)
         scored.append((overlap, moved, share, pose))
     if not scored:
         return None
-    least = max(scored)[0] - _EQUAL / np.sqrt(len(markers.sensor.places))
+    least = max(scored)[0] - settings.equal / np.sqrt(len(markers.sensor.places))
     _, _, share, pose = min((one for one in scored if one[0] >= least), key=lambda one: one[1])
     return pose, share
 

@@ -19,14 +19,8 @@ Array = NDArray[np.float64]
 
 #: Differences from the design that are worth a line: roll and tilt [°], shift [px], scale.
 _NOTABLE = (0.3, 0.5, 3.0, 0.01)
-#: Largest error of the polynomial that stands for the exact map [px].
-_EXACT = 1e-4
 #: Degrees of the polynomial that are tried; the last one is taken in any case.
 _DEGREES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14)
-#: Points at which the polynomial is fitted, and as many at which it is checked.
-_SAMPLES = 900
-#: Half the distance over which the exact map is differentiated [px].
-_NUDGE = 1e-3
 #: Golden-angle step of an even spiral over a disc [rad].
 _SPIRAL = math.pi * (3.0 - math.sqrt(5.0))
 
@@ -139,14 +133,14 @@ def turn_matrix(roll: float, tilt: tuple[float, float]) -> Array:
 
 
 def seen_by(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
-    """Where a camera in that pose sees what the design's `camera` sees at pixels (…, 2)."""
+    """Pixels of a camera in that pose for pixels (…, 2) of the design's `camera`."""
     centre = np.array([camera.lens.centre_x, camera.lens.centre_y])
     turned = camera.project(camera.rays(pixels) @ pose.turn.T)
     return centre + np.asarray(pose.shift) + pose.scale * (turned - centre)
 
 
 def seen_by_design(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
-    """Where the design's `camera` sees what one in that pose sees at pixels (…, 2)."""
+    """Pixels of the design's `camera` for pixels (…, 2) of one in that pose."""
     centre = np.array([camera.lens.centre_x, camera.lens.centre_y])
     rays = camera.rays(centre + (pixels - centre - np.asarray(pose.shift)) / pose.scale)
     return camera.project(rays @ pose.turn)
@@ -154,11 +148,12 @@ def seen_by_design(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
 
 def slope(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
     """Derivative of `seen_by_design`, shape (…, 2, 2)."""
+    half = 1e-3  # of the distance over which the exact map is differentiated [px]
     columns = [
         seen_by_design(pose, camera, pixels + h) - seen_by_design(pose, camera, pixels - h)
-        for h in _NUDGE * np.eye(2)
+        for h in half * np.eye(2)
     ]
-    return np.stack(columns, axis=-1) / (2 * _NUDGE)
+    return np.stack(columns, axis=-1) / (2 * half)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,7 +197,7 @@ def alignment(pose: CameraPose, camera: Camera, pixels: Array) -> Alignment:
     middle = 0.5 * (pixels.min(axis=0) + pixels.max(axis=0))
     # Markers move by a tenth of the disc at most.
     radius = 1.1 * float(np.linalg.norm(pixels - middle, axis=-1).max()) + 1.0
-    step = np.arange(2 * _SAMPLES)
+    step = np.arange(2 * 900)  # every other point checks the polynomial
     reach, angle = np.sqrt((step + 0.5) / len(step)), _SPIRAL * step
     unit = np.stack([reach * np.cos(angle), reach * np.sin(angle)])
     points = middle + radius * unit.T
@@ -213,7 +208,7 @@ def alignment(pose: CameraPose, camera: Camera, pixels: Array) -> Alignment:
     for degree in _DEGREES:
         basis = _basis(unit.T, degree)
         fitted = np.linalg.lstsq(basis[::2], wanted[::2], rcond=None)[0]
-        if abs(basis @ fitted - wanted)[1::2].max() < _EXACT:
+        if abs(basis @ fitted - wanted)[1::2].max() < 1e-4:  # [px]
             break
     return Alignment(
         pose=pose,
@@ -234,7 +229,7 @@ def _basis(points: Array, degree: int) -> Array:
 
 
 def aligned(align: Alignment, tracks: Tracks) -> Tracks:
-    """What the design's own camera would have shown a tracker: positions, sizes, covariances."""
+    """Tracks as of the design's own camera: positions, sizes, covariances."""
     seen = align(tracks.position)
     covariance = carried(blocks(align, tracks.position), tracks.covariance)
     changed = {

@@ -1,4 +1,4 @@
-"""The camera's pose, read off the places of the resting markers.
+"""The camera's pose, estimated from the places of the resting markers.
 
 A mount leaves a camera rolled, tilted and shifted, and layers are never quite aligned. Each moves
 the resting markers in its own pattern. If one were taken for another, forces would be wrong.
@@ -17,57 +17,29 @@ from ...errors import UserError
 from ...render import SensorDesign
 from ..tracks import Tracks
 from .pose import CameraPose, seen_by
-from .rest_match import SAME, Agreement, RestMarkers, Shift, agreement, rest_markers, spun
-from .rest_search import SCALES, SHIFT, likely_poses
+from .rest_match import Agreement, RestMarkers, Shift, agreement, rest_markers, spun
+from .rest_search import likely_poses
+from .rest_settings import PoseSettings
 
 Array = NDArray[np.float64]
 Rounds = Sequence[tuple[float, float]]
 _Pairs = tuple[NDArray[np.intp], Array]
 _Missed = Callable[[Array], Array]
 
-#: Prior standard deviations of roll, tilt (x, y) [rad], shift (x, y) [px], the logarithm of the
-#: scale; the roll has no prior.
-_POSE = np.array([1.0, 0.1, 0.1, 40.0, 40.0, 0.2])
-#: Prior standard deviation of the inner layer's turn about each axis [rad].
-_TURN = 0.03
-#: Prior standard deviation of the inner layer's shift along a pad [m].
-_ALONG = 2e-4
-#: Standard deviation of a marker's place, as stencils leave it [pitches].
-_PLACE = 0.03
-#: Distances up to which markers are matched in turn [pitches], and the part of the layout that is
-#: matched, from the middle: near it a tilt looks like a shift, from which the search starts.
-_FROM_DESIGN = ((0.45, 1.0), (0.35, 1.0), (0.25, 1.0), (0.25, 1.0))
-_FROM_SEARCH = ((0.4, 0.5), (0.4, 0.7), (0.4, 0.85), *_FROM_DESIGN)
-#: Largest tilt that is told from a shift [rad].
-_TILT = math.radians(15.0)
-#: Smallest share of the visible markers that lie at places of the design.
-_SHARE = 0.97
-#: Smallest share of the design's places at which there are markers.
-_FOUND = 0.3
-#: Largest RMS distance of the markers from the places of the design [pitches].
-_APART = 0.2
-#: Loss of overlap over 1/√markers at which a fit from the design's own pose is not searched on;
-#: a square grid that is shifted by a pitch loses 1.
-_SURE = 0.5
-#: Loss of overlap over 1/√markers up to which two poses are equally good.
-_EQUAL = 0.25
-#: A pose is taken where it turns or moves the markers by less than this share of the next one's.
-_CLEAR = 1 / 4
 
-#: Places in x of what may be as designed, and χ² above which it is told not to be: that of one and
-#: of two unknowns in 1 % of cases.
+#: Places in x of what may be as designed, and χ² above which it is not: exceeded in 1 % of cases
+#: by one and by two unknowns.
 _GROUPS = {
     "roll": (slice(0, 1), 6.6),
     "tilt": (slice(1, 3), 9.2),
     "shift": (slice(3, 5), 9.2),
     "scale": (slice(5, 6), 6.6),
 }
-#: Units of x, of which the last three are the inner layer's: turn, or on a pad shift and turn.
-_DOME = np.concatenate([_POSE, [_TURN] * 3])
-_PAD = np.concatenate([_POSE, [_ALONG, _ALONG, _TURN]])
 
 
-def rest_pose(sensor: SensorDesign, rest: Tracks) -> CameraPose:
+def rest_pose(
+    sensor: SensorDesign, rest: Tracks, settings: PoseSettings = PoseSettings()
+) -> CameraPose:
     """Pose of the camera that saw the resting markers.
 
     The last one is kept: several readers ask for that of the same tracks.
@@ -82,27 +54,28 @@ def rest_pose(sensor: SensorDesign, rest: Tracks) -> CameraPose:
     UserError
         When no pose explains the markers, or two do, or the pose is beyond what can be told.
     """
-    for of_sensor, of_rest, pose in _last:
-        if of_rest is rest and of_sensor == sensor:
+    for of_sensor, of_rest, by, pose in _last:
+        if of_rest is rest and of_sensor == sensor and by == settings:
             return pose
-    _last[:] = [(sensor, rest, _told_pose(sensor, rest))]
-    return _last[0][2]
+    _last[:] = [(sensor, rest, settings, _estimated(sensor, rest, settings))]
+    return _last[0][3]
 
 
-#: Sensor, tracks and pose that were asked for last.
-_last: list[tuple[SensorDesign, Tracks, CameraPose]] = []
+#: Sensor, tracks, settings and pose of the last call.
+_last: list[tuple[SensorDesign, Tracks, PoseSettings, CameraPose]] = []
 
 
-def _told_pose(sensor: SensorDesign, rest: Tracks) -> CameraPose:
-    """Pose that the markers tell; see `rest_pose`."""
-    markers = rest_markers(sensor, rest)
+def _estimated(sensor: SensorDesign, rest: Tracks, settings: PoseSettings) -> CameraPose:
+    """Estimate the pose from the markers; see `rest_pose`."""
+    markers = rest_markers(sensor, rest, settings.match)
+    perfect = markers.same == settings.match.same
     loss = 1.0 / math.sqrt(len(sensor.places))
-    fits = [_fitted(markers, CameraPose(), _FROM_DESIGN)]
-    if not _sure(markers, fits[0].match):
-        for start in likely_poses(markers):
-            fits.append(_fitted(markers, start, _FROM_SEARCH))
-            # Crooked markers leave several poses likely, of which the best is sought.
-            if not markers.lattice and markers.same == SAME and _sure(markers, fits[-1].match):
+    fits = [_fitted(markers, CameraPose(), settings.from_design, settings)]
+    if not _sure(markers, fits[0].match, settings):
+        for start in likely_poses(markers, settings.search):
+            fits.append(_fitted(markers, start, settings.from_search, settings))
+            # With crooked markers several poses are likely, and the best may come later.
+            if not markers.lattice and perfect and _sure(markers, fits[-1].match, settings):
                 break
     found = max(fits, key=lambda one: one.match.overlap)
     rivals = [(one.pose, one.match) for one in fits]
@@ -110,23 +83,23 @@ def _told_pose(sensor: SensorDesign, rest: Tracks) -> CameraPose:
         match = agreement(markers, found.pose, found.shift, spin)
         rivals.append((spun(found.pose, spin), match))
     best = max(match.overlap for _, match in rivals)
-    equal = [one for one in rivals if one[1].overlap >= best - _EQUAL * loss]
+    equal = [one for one in rivals if one[1].overlap >= best - settings.equal * loss]
     equal.sort(key=lambda one: one[1].moved)
     nearest, its_match = equal[0]
-    _check_match(markers, its_match, nearest.scale)
+    _check_match(markers, its_match, nearest.scale, settings)
     others = [one for one in equal[1:] if not _alike(markers, nearest, one[0])]
     if others:
-        _check_clear(markers, nearest, its_match, *others[0])
+        _check_clear(markers, nearest, its_match, *others[0], settings.clear)
     if nearest is not found.pose:
-        found = _fitted(markers, nearest, _FROM_DESIGN)
-    found = _told(markers, found)
-    _check_range(sensor, found.pose)
+        found = _fitted(markers, nearest, settings.from_design, settings)
+    found = _told(markers, found, settings)
+    _check_range(sensor, found.pose, settings)
     return replace(found.pose, error=found.match.error, ambiguous=bool(others))
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Fit:
-    """What fits best from a start.
+    """Best fit from a start.
 
     Attributes
     ----------
@@ -143,14 +116,14 @@ class _Fit:
     covariance: Array
 
 
-def _sure(markers: RestMarkers, match: Agreement) -> bool:
+def _sure(markers: RestMarkers, match: Agreement, settings: PoseSettings) -> bool:
     """Whether no other pose can be better."""
     # Markers that are missing may hide the shift of a lattice, but no other pose.
     share = match.overlap if markers.lattice else match.share
-    return share >= max(1.0 - _SURE / math.sqrt(len(markers.sensor.places)), _SHARE)
+    return share >= max(1.0 - settings.sure / math.sqrt(len(markers.sensor.places)), settings.share)
 
 
-def _told(markers: RestMarkers, fit: _Fit) -> _Fit:
+def _told(markers: RestMarkers, fit: _Fit, settings: PoseSettings) -> _Fit:
     """The fit without what markers that scatter leave of a camera as designed.
 
     A tenth of a degree or of a pixel that is not there would move the contact.
@@ -169,23 +142,27 @@ def _told(markers: RestMarkers, fit: _Fit) -> _Fit:
         deviations[f"{least}_deviation"] = getattr(fit.pose, f"{least}_deviation")
         as_designed = (*as_designed, least)
         start = replace(fit.pose, **{name: getattr(CameraPose(), name) for name in as_designed})
-        fit = _fitted(markers, start, _FROM_DESIGN[-1:], as_designed)
+        fit = _fitted(markers, start, settings.from_design[-1:], settings, as_designed)
 
 
 def _fitted(
-    markers: RestMarkers, start: CameraPose, rounds: Rounds, as_designed: tuple[str, ...] = ()
+    markers: RestMarkers,
+    start: CameraPose,
+    rounds: Rounds,
+    settings: PoseSettings,
+    as_designed: tuple[str, ...] = (),
 ) -> _Fit:
     """Pose and misalignment that fit best from a start, each marker at the nearest place.
 
     Some groups of unknowns are kept as designed; on a pad the tilt, as it looks like a shift.
     """
     flat = markers.sensor.shape.flat
-    unit = _PAD if flat else _DOME
+    unit = _units(settings, flat)
     free = np.ones(len(unit), dtype=bool)
     for name in (*as_designed, "tilt") if flat else as_designed:
         free[_GROUPS[name][0]] = False
     x = _numbers(start) / unit
-    place = _PLACE * markers.pitch
+    place = settings.place * markers.pitch
     for radius, part in rounds:
         pose, shift = _values(x * unit, flat)
         matched = _matched(markers, pose, shift, radius, part)
@@ -222,6 +199,16 @@ def _fitted(
         numbers=x,
         covariance=covariance,
     )
+
+
+def _units(settings: PoseSettings, flat: bool) -> Array:
+    """Prior deviations of x: roll (without a prior), tilt, shift, log scale, and the inner layer's.
+
+    The last three are its turn, or on a pad its shift and turn.
+    """
+    tilt, shift, turn, along = settings.tilt, settings.shift, settings.turn, settings.along
+    inner = (along, along, turn) if flat else (turn, turn, turn)
+    return np.array([1.0, tilt, tilt, shift, shift, settings.log_scale, *inner])
 
 
 def _matched(
@@ -282,25 +269,32 @@ def _alike(markers: RestMarkers, one: CameraPose, other: CameraPose) -> bool:
     return float(np.median(np.linalg.norm(here - there, axis=-1))) < 0.5 * markers.pitch
 
 
-def _check_match(markers: RestMarkers, match: Agreement, scale: float) -> None:
+def _check_match(
+    markers: RestMarkers, match: Agreement, scale: float, settings: PoseSettings
+) -> None:
     """Refuse a rest frame that no pose explains."""
-    allowed = _APART * markers.pitch * scale
-    if match.share < _SHARE or match.found < _FOUND or match.error > allowed:
+    allowed, share = settings.apart * markers.pitch * scale, 100 * settings.share
+    if match.share < settings.share or match.found < settings.found or match.error > allowed:
         raise UserError(
             f"the markers at rest lie {match.error:.1f} px RMS from the places of the calibrated "
             f"sensor, {100 * match.share:.0f} % of them at such places, however its camera is "
-            f"turned and shifted; allowed: {allowed:.1f} px and {100 * _SHARE:.0f} %. Is it "
+            f"turned and shifted; allowed: {allowed:.1f} px and {share:.0f} %. Is it "
             "another sensor?"
         )
 
 
 def _check_clear(
-    markers: RestMarkers, pose: CameraPose, match: Agreement, other: CameraPose, its: Agreement
+    markers: RestMarkers,
+    pose: CameraPose,
+    match: Agreement,
+    other: CameraPose,
+    its: Agreement,
+    clear: float,
 ) -> None:
     """Refuse two poses that explain a rest frame equally well, neither of them near the design."""
     turned = math.dist(pose.shift, other.shift) < 0.5 * markers.pitch
     near, next_one = (abs(pose.roll), abs(other.roll)) if turned else (match.moved, its.moved)
-    if near > _CLEAR * next_one:
+    if near > clear * next_one:
         raise UserError(
             "the rest frame does not tell how the camera is turned or shifted, as the layout is "
             f"symmetric: it may be {pose}, or {other}; allowed: the first less than a quarter as "
@@ -308,16 +302,17 @@ def _check_clear(
         )
 
 
-def _check_range(sensor: SensorDesign, pose: CameraPose) -> None:
+def _check_range(sensor: SensorDesign, pose: CameraPose, settings: PoseSettings) -> None:
     """Refuse a pose beyond what can be told."""
-    shift = SHIFT * min(sensor.view.width, sensor.view.height)
-    low, high = SCALES
+    search, tilt = settings.search, settings.largest_tilt
+    shift = search.shift * min(sensor.view.width, sensor.view.height)
+    low, high = search.smallest_scale, search.largest_scale
     if (
         math.hypot(*pose.shift) > shift
         or not low <= pose.scale <= high
-        or math.hypot(*pose.tilt) > _TILT
+        or math.hypot(*pose.tilt) > tilt
     ):
         raise UserError(
             f"the rest frame shows a camera {pose}; allowed: shifts to {shift:.0f} px, scales of "
-            f"{low:g} to {high:g} and tilts to {math.degrees(_TILT):.0f}°"
+            f"{low:g} to {high:g} and tilts to {math.degrees(tilt):.0f}°"
         )

@@ -1,4 +1,4 @@
-"""The markers of a rest frame beside those of the design: which is which under a pose."""
+"""Markers of a rest frame and of the design: which is which under a pose."""
 
 import math
 from collections.abc import Sequence
@@ -13,30 +13,15 @@ from ...errors import UserError
 from ...render import Camera, SensorDesign
 from ..tracks import Tracks
 from .pose import CameraPose, seen_by
+from .rest_settings import MatchSettings
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Smallest number of markers in each layer that tell a pose.
-LEAST = 20
-#: Distance up to which a marker and a place of the design are the same [pitches], beside what a
-#: design says of its specimens: so many standard deviations of their places.
-SAME, _SCATTERED = 0.25, 1.0
-#: Distance up to which places that change under a turn of the layout are the same [pitches].
-_SELF = 0.1
-#: Share of the places that fall on places when a layout is turned by a symmetry.
-_SYMMETRIC = 0.6
-#: Largest order of a symmetry that is looked for.
-_ORDER = 72
-#: Neighbours onto which a layout is shifted to see whether it is a lattice.
-_NEIGHBOURS = 8
-#: Share of the places that fall on places when a lattice is shifted.
-_LATTICE = 0.6
-
 
 @dataclass(frozen=True, kw_only=True)
 class Shift:
-    """Where the inner layer lies beside its place: a small turn, or on a pad a shift and a turn.
+    """Misalignment of the inner layer: a small turn, or on a pad a shift and a turn.
 
     Attributes
     ----------
@@ -115,7 +100,7 @@ class RestMarkers:
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """How well a pose explains a rest frame.
+    """Agreement of a pose with a rest frame.
 
     Attributes
     ----------
@@ -133,7 +118,9 @@ class Agreement:
     moved: float
 
 
-def rest_markers(sensor: SensorDesign, rest: Tracks) -> RestMarkers:
+def rest_markers(
+    sensor: SensorDesign, rest: Tracks, settings: MatchSettings = MatchSettings()
+) -> RestMarkers:
     """Markers of a rest frame beside their design.
 
     Raises
@@ -146,10 +133,12 @@ def rest_markers(sensor: SensorDesign, rest: Tracks) -> RestMarkers:
             f"the tracks have {len(rest.position)} layers of markers; wanted: {len(sensor.depths)}"
         )
     seen = [at[visible] for at, visible in zip(rest.position, rest.visible, strict=True)]
-    return markers_beside(sensor, seen)
+    return markers_beside(sensor, seen, settings)
 
 
-def markers_beside(sensor: SensorDesign, seen: Sequence[Array]) -> RestMarkers:
+def markers_beside(
+    sensor: SensorDesign, seen: Sequence[Array], settings: MatchSettings = MatchSettings()
+) -> RestMarkers:
     """Markers that were seen at pixels (Q, 2), layer by layer, beside their design.
 
     Raises
@@ -159,10 +148,10 @@ def markers_beside(sensor: SensorDesign, seen: Sequence[Array]) -> RestMarkers:
     """
     layers = []
     for depth, pixels in zip(sensor.depths, seen, strict=True):
-        if len(pixels) < LEAST:
+        if len(pixels) < settings.least_markers:
             raise UserError(
                 f"the rest frame shows {len(pixels)} markers of a layer, too few to tell the "
-                f"camera's pose; allowed: at least {LEAST}"
+                f"camera's pose; allowed: at least {settings.least_markers}"
             )
         points = sensor.shape.points(sensor.places, depth)
         layers.append(RestLayer(points=points, pixels=pixels, tree=scipy.spatial.KDTree(pixels)))
@@ -175,9 +164,9 @@ def markers_beside(sensor: SensorDesign, seen: Sequence[Array]) -> RestMarkers:
         sensor=sensor,
         layers=tuple(layers),
         pitch=spacing(designed),
-        turns=_symmetric_turns(layers[0].points),
-        lattice=_lattice(designed),
-        same=SAME + _SCATTERED * 1e-3 * scatter / spacing(layers[0].points),
+        turns=_symmetric_turns(layers[0].points, settings),
+        lattice=_lattice(designed, settings),
+        same=settings.same + settings.scattered * 1e-3 * scatter / spacing(layers[0].points),
     )
 
 
@@ -186,36 +175,36 @@ def spacing(points: Array) -> float:
     return float(np.median(np.asarray(scipy.spatial.KDTree(points).query(points, k=2)[0])[:, 1]))
 
 
-def _symmetric_turns(points: Array) -> tuple[float, ...]:
+def _symmetric_turns(points: Array, settings: MatchSettings) -> tuple[float, ...]:
     """Turns about the axis that bring many points (M, 3) onto points [rad]."""
-    tree, limit = scipy.spatial.KDTree(points), _SELF * spacing(points)
+    tree, limit = scipy.spatial.KDTree(points), settings.own * spacing(points)
     turns: set[Fraction] = set()
-    for order in range(2, _ORDER + 1):
+    for order in range(2, settings.largest_order + 1):
         turned = scipy.spatial.transform.Rotation.from_rotvec(
             [0.0, 0.0, 2 * math.pi / order]
         ).apply(points)
         # Half as near counts half: an order that is nearly right is no symmetry.
         near = np.clip(1.0 - np.asarray(tree.query(turned)[0]) / limit, 0.0, None)
-        if near.mean() > _SYMMETRIC:
+        if near.mean() > settings.symmetric:
             turns |= {Fraction(k, order) for k in range(1, order)}
     return tuple(2 * math.pi * float(turn) for turn in sorted(turns))
 
 
-def _lattice(pixels: Array) -> bool:
+def _lattice(pixels: Array, settings: MatchSettings) -> bool:
     """Whether a shift to a neighbour brings most pixels (M, 2) onto pixels."""
-    tree, limit = scipy.spatial.KDTree(pixels), SAME * spacing(pixels)
+    tree, limit = scipy.spatial.KDTree(pixels), settings.same * spacing(pixels)
     middle = pixels[np.argmin(np.linalg.norm(pixels - pixels.mean(axis=0), axis=-1))]
-    count = min(_NEIGHBOURS + 1, len(pixels))
+    count = min(settings.neighbours + 1, len(pixels))
     nearest = np.asarray(tree.query(middle, k=count)[1])[1:]
     shares = [
         (np.asarray(tree.query(pixels + step)[0]) < limit).mean()
         for step in pixels[nearest] - middle
     ]
-    return max(shares) > _LATTICE
+    return max(shares) > settings.lattice
 
 
 def agreement(markers: RestMarkers, pose: CameraPose, shift: Shift, spin: float = 0.0) -> Agreement:
-    """How well a pose explains the rest frame, with the layout turned by `spin` [rad]."""
+    """Agreement of a pose with the rest frame, with the layout turned by `spin` [rad]."""
     limit = markers.same * markers.pitch * pose.scale
     near = seen = met = expected = 0
     squares: list[Array] = []

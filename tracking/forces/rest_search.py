@@ -9,33 +9,10 @@ from numpy.typing import NDArray
 
 from .pose import CameraPose
 from .rest_match import RestMarkers, spacing
+from .rest_settings import SearchSettings
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-#: Scales that a pose may have.
-SCALES = (0.7, 1.4)
-#: Largest shift, as a share of the image's smaller side.
-SHIFT = 0.15
-#: Markers that vote for a pose, those nearest to the middle of the image, where a tilt looks like a
-#: shift. Of a lattice all vote: its middle looks the same everywhere.
-_VOTERS = 60
-#: Scales that are tried, over that which the markers' spacing tells.
-_TRIED = (0.9, 0.95, 1.0, 1.05)
-#: Step of the rolls that are tried [rad].
-_STEP = math.radians(3.0)
-#: Side of the cells in which votes for a shift are counted [pitches].
-_CELL = 0.3
-#: Poses with at least this share of the most votes are looked at.
-_LIKELY = 0.7
-#: Number of them at most.
-_MOST = 300
-#: Distances up to which markers are matched in turn [pitches].
-_RADII = (0.5, 0.4, 0.3)
-#: Poses that meet at least this share of the most markers are returned.
-_CLOSE = 0.8
-#: Number of them at most.
-_RETURNED = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +23,7 @@ class _Similarity:
     shift: complex
 
 
-def likely_poses(markers: RestMarkers) -> list[CameraPose]:
+def likely_poses(markers: RestMarkers, settings: SearchSettings) -> list[CameraPose]:
     """Poses without a tilt that explain the middle of a rest frame, best first."""
     lens = markers.sensor.view.camera.lens
     centre = complex(lens.centre_x, lens.centre_y)
@@ -57,29 +34,30 @@ def likely_poses(markers: RestMarkers) -> list[CameraPose]:
     seen = _complex(markers.layers[layer].pixels) - centre
     inside = markers.inside(_pixels(design + centre))
     ratio = spacing(_pixels(seen)) / spacing(_pixels(design[inside]))
-    voters, tree = (
-        design if markers.lattice else design[:_VOTERS],
-        scipy.spatial.KDTree(_pixels(seen)),
-    )
+    voters = design if markers.lattice else design[: settings.voters]
+    tree = scipy.spatial.KDTree(_pixels(seen))
     found: list[tuple[int, _Similarity]] = []
-    for start in _voted(markers, voters, seen, ratio):
-        refined, hits = _refined(start, markers.pitch, voters, seen, tree)
+    for start in _voted(markers, voters, seen, ratio, settings):
+        refined, hits = _refined(start, markers.pitch, voters, seen, tree, settings)
         if not any(_alike(refined, other, markers.pitch) for _, other in found):
             found.append((hits, refined))
     found.sort(key=lambda both: -both[0])
-    least = _CLOSE * max((hits for hits, _ in found), default=0)
-    return [_pose(similarity) for hits, similarity in found[:_RETURNED] if hits >= least]
+    least = settings.close * max((hits for hits, _ in found), default=0)
+    return [_pose(similarity) for hits, similarity in found[: settings.returned] if hits >= least]
 
 
-def _voted(markers: RestMarkers, voters: Complex, seen: Complex, ratio: float) -> list[_Similarity]:
+def _voted(
+    markers: RestMarkers, voters: Complex, seen: Complex, ratio: float, settings: SearchSettings
+) -> list[_Similarity]:
     """Similarities that many pairs of markers agree on, most votes first."""
     view = markers.sensor.view
-    reach = (SHIFT + 0.03) * min(view.width, view.height)
+    reach = (settings.shift + 0.03) * min(view.width, view.height)
     starts: list[tuple[float, _Similarity]] = []
-    for scale in np.clip(np.array(_TRIED) * ratio, *SCALES):
-        cell = _CELL * markers.pitch * float(scale)
+    scales = np.array(settings.scales) * ratio
+    for scale in np.clip(scales, settings.smallest_scale, settings.largest_scale):
+        cell = settings.cell * markers.pitch * float(scale)
         half = math.ceil(reach / cell)
-        for roll in np.arange(0.0, 2 * math.pi, _STEP):
+        for roll in np.arange(0.0, 2 * math.pi, settings.roll_step):
             factor = complex(scale * np.exp(1j * roll))
             apart = (seen[:, None] - factor * voters).ravel() / cell
             apart = apart[(abs(apart.real) < half) & (abs(apart.imag) < half)]
@@ -89,20 +67,26 @@ def _voted(markers: RestMarkers, voters: Complex, seen: Complex, ratio: float) -
             grid = votes.reshape(2 * half, 2 * half)
             # A true shift may lie at the edge of cells: four of them count together.
             grid = grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]
-            least = max(_LIKELY * float(grid.max()), 3.0)
+            least = max(settings.likely * float(grid.max()), 3.0)
             for y, x in zip(*np.nonzero(grid >= least), strict=True):
                 shift = cell * complex(x + 1 - half, y + 1 - half)
                 starts.append((float(grid[y, x]), _Similarity(factor=factor, shift=shift)))
     starts.sort(key=lambda both: -both[0])
-    return [start for votes, start in starts[:_MOST] if votes >= _LIKELY * starts[0][0]]
+    most = starts[: settings.most]
+    return [start for votes, start in most if votes >= settings.likely * starts[0][0]]
 
 
 def _refined(
-    start: _Similarity, pitch: float, voters: Complex, seen: Complex, tree: "scipy.spatial.KDTree"
+    start: _Similarity,
+    pitch: float,
+    voters: Complex,
+    seen: Complex,
+    tree: "scipy.spatial.KDTree",
+    settings: SearchSettings,
 ) -> tuple[_Similarity, int]:
     """Similarity fitted to the nearest markers, over and over, and the number that it meets."""
     current, hits = start, 0
-    for radius in _RADII:
+    for radius in settings.radii:
         distance, nearest = tree.query(_pixels(current.factor * voters + current.shift))
         near = np.asarray(distance) < radius * pitch * abs(current.factor)
         hits = int(near.sum())

@@ -1,3 +1,6 @@
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +14,11 @@ from chromagrip.tracking import (
     core_quantile,
     max_ratio,
 )
-from chromagrip.tracking.forces.friction import LARGEST_FRICTION, mostly_slipping
+from chromagrip.tracking.forces.friction import (
+    LARGEST_FRICTION,
+    FrictionSettings,
+    mostly_slipping,
+)
 
 QUANTILE_RULE = FrictionRule(read=FRICTION["core-quantile"], may_fall=mostly_slipping)
 
@@ -120,6 +127,26 @@ def contact(mu: float, rng: np.random.Generator, noise: float) -> ForceField:
         totals_covariance=np.zeros((2, 2)),
         spread=spread,
     )
+
+
+def test_a_ratio_has_an_error_of_its_own_where_the_covariance_states_none() -> None:
+    exact = replace(field(np.full(9, 0.5)), spread=np.zeros((18, 1)))
+    assert FRICTION["core-quantile"](exact).deviation == pytest.approx(0.06)
+    # Both errors add up as independent ones.
+    spread = np.zeros((18, 1))
+    spread[9:, 0] = 0.08 * exact.normal  # of the friction on all nodes alike
+    noisy = replace(exact, spread=spread)
+    assert FRICTION["core-quantile"](noisy).deviation == pytest.approx(0.1)
+    assert math.isnan(FRICTION["core-quantile"](field(np.full(9, 0.5))).deviation)
+
+
+def test_the_core_and_its_quantile_are_settings() -> None:
+    load = np.array([0.1, 0.1, 0.1, 0.04, 0.04])
+    some = field(np.array([0.2, 0.3, 0.4, 0.9, 0.9]), load)
+    assert core_quantile(some) == pytest.approx(0.9)
+    assert core_quantile(some, FrictionSettings(core_share=0.5)) == pytest.approx(0.35)
+    median = FrictionSettings(core_share=0.5, core_quantile=0.5)
+    assert core_quantile(some, median) == pytest.approx(0.3)
 
 
 def test_stated_noise_widens_the_interval() -> None:

@@ -15,6 +15,7 @@ from chromagrip.tracking import (
     Tracks,
 )
 from chromagrip.tracking.forces.chain.sensitivity import MarkerResponse
+from chromagrip.tracking.forces.chain.settings import GaussianProcessSettings, ObjectSettings
 
 SENSOR = load_sensor("thesis")
 PAINTER = open_renderer("painter", SENSOR)
@@ -47,6 +48,24 @@ def watch(
     Each press is followed once; shorter ones are its beginning.
     """
     return list(whole_press(tracker, obj, grip, load)[:frames])
+
+
+def test_the_largest_misfit_and_the_object_are_settings(tracker: MarkerTracker) -> None:
+    tracker.reset([shoot(np.zeros((TIP.nodes, 2)), 2**31 + k) for k in range(4)])
+    state = rest_state(TIP)
+    for _ in range(10):
+        state = step(TIP, ContactObject(), state, 2e-3, 1.86, 0.0)
+    tracks = tracker.update(shoot(state.deformation.seen, 0))
+
+    def totals(settings: GaussianProcessSettings) -> np.ndarray:
+        field = GaussianProcess(KNOWN, tracker.rest, settings=settings).update(tracks)
+        return np.array(field.totals_covariance)
+
+    usual = totals(GaussianProcessSettings())
+    unsure = totals(GaussianProcessSettings(contact=ObjectSettings(common=0.3)))
+    assert unsure[0, 0] > 2.0 * usual[0, 0]
+    with pytest.raises(NoEstimateError, match="no deformation of the fingertip"):
+        totals(GaussianProcessSettings(misfit=1e-3))
 
 
 @lru_cache

@@ -12,6 +12,7 @@ from chromagrip.tracking import NoEstimateError, SensorCalibration, Tracks, load
 from chromagrip.tracking.forces.chain.learned import Learned, sequential
 from chromagrip.tracking.forces.chain.readout import forward, linearised, load_readout, save_readout
 from chromagrip.tracking.forces.chain.sensitivity import MarkerResponse
+from chromagrip.tracking.forces.chain.settings import CodeSettings, LearnedSettings
 
 SENSOR = load_sensor("thesis")
 TIP = Fingertip()
@@ -88,6 +89,17 @@ def specimen() -> Specimen:
 @pytest.fixture(scope="module")
 def learned(specimen: Specimen) -> Learned:
     return Learned(KNOWN, specimen.rest)
+
+
+def test_what_no_trained_press_shows_is_a_setting(specimen: Specimen, unseen: Snapshots) -> None:
+    tracks = specimen.tracks(press_of(unseen, 2.0), 1.0, 4)
+    assert Learned(KNOWN, specimen.rest).update(tracks).total_normal > 1.0
+    strict = LearnedSettings(codes=CodeSettings(unlike=0.01))
+    with pytest.raises(NoEstimateError, match=r"0\.01 at most is allowed"):
+        Learned(KNOWN, specimen.rest, settings=strict).update(tracks)
+    vague = LearnedSettings(vague_share=0.0, vague=0.0)
+    with pytest.raises(NoEstimateError, match="leave ΣFn open"):
+        Learned(KNOWN, specimen.rest, settings=vague).update(tracks)
 
 
 def errors(fields: list[ForceField], truth: Snapshots) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,7 @@ from chromagrip.render.membrane import rest_membrane
 from chromagrip.tracking import MarkerTracker, Palette, Tracks
 from chromagrip.tracking.forces.pose import CameraPose, seen_by, turn_matrix
 from chromagrip.tracking.forces.rest_fit import rest_pose
+from chromagrip.tracking.forces.rest_settings import PoseSettings, SearchSettings
 
 SENSOR = load_sensor("thesis")
 SPECIMEN = Defects(misplacement_mm=0.02, misalignment_mm=0.15)
@@ -275,6 +276,17 @@ def test_too_few_markers_are_refused() -> None:
 def test_a_pose_beyond_what_can_be_told_is_refused() -> None:
     with pytest.raises(UserError, match=r"shifted by \(80\.\d, .*allowed: shifts to 72 px"):
         rest_pose(SENSOR, projected(SENSOR, CameraPose(shift=(80.0, 0.0))))
+
+
+def test_bounds_of_the_pose_and_of_the_match_are_settings() -> None:
+    rest = projected(SENSOR, CameraPose(shift=(80.0, 0.0)))
+    wide = PoseSettings(search=SearchSettings(shift=0.2))
+    assert rest_pose(SENSOR, rest, wide).shift == pytest.approx((80.0, 0.0), abs=0.5)
+    rest = projected(SENSOR, CameraPose())
+    assert rest_pose(SENSOR, rest).error < 2.0
+    # The last pose is not taken for that of other settings.
+    with pytest.raises(UserError, match=r"allowed: 0\.\d px and 97 %"):
+        rest_pose(SENSOR, rest, PoseSettings(apart=0.01))
 
 
 def test_a_camera_that_was_calibrated_has_its_own_centre() -> None:

@@ -82,9 +82,11 @@ F0 = np.float32(0.0)
 F1 = np.float32(1.0)
 F2 = np.float32(2.0)
 #: sRGB: the toe ends at this light, and its slope is this [grey levels] …
-_TOE_LIGHT, _TOE_SLOPE = np.float32(0.0031308), np.float32(255.0 * 12.92)
+_TOE_LIGHT = np.float32(0.0031308)
+_TOE_SLOPE = np.float32(255.0 * 12.92)
 #: … above it levels are _CURVE·light^_EXPONENT − _CURVE_OFFSET.
-_CURVE, _CURVE_OFFSET = np.float32(255.0 * 1.055), np.float32(255.0 * 0.055)
+_CURVE = np.float32(255.0 * 1.055)
+_CURVE_OFFSET = np.float32(255.0 * 0.055)
 _EXPONENT = np.float32(1.0 / 2.4)
 #: Parabola near the cube root, between the roots of the toe's end and of white.
 _START = (np.float32(0.4587), np.float32(0.8765), np.float32(-0.3354))

@@ -23,6 +23,7 @@ from .readout import (
 )
 from .residual import Smooth, smooth_functions
 from .sensitivity import MarkerResponse
+from .settings import GaussianProcessSettings, LearnedSettings, StiffnessSettings
 from .specimen import SIZES, with_focus, with_focus_variances
 from .used import Used, UsedReadOut, histories_of, readout_digest, readout_origin, used
 
@@ -32,11 +33,14 @@ __all__ = [
     "SIZES",
     "ForcePrior",
     "GaussianProcess",
+    "GaussianProcessSettings",
     "Layers",
     "Learned",
+    "LearnedSettings",
     "MarkerResponse",
     "ReadOut",
     "Smooth",
+    "StiffnessSettings",
     "Used",
     "UsedReadOut",
     "at_places",

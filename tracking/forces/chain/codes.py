@@ -18,7 +18,6 @@ from ..reconstructors import NoEstimateError
 from ..shifts import MEASURED
 from .code_kernels import left_over, typical_variance, whitened
 from .noise_level import (
-    NOISE_CHANGE,
     NoiseLevel,
     VagueSizes,
     Weights,
@@ -27,6 +26,7 @@ from .noise_level import (
     vague_sizes,
 )
 from .readout import SIZE_CHANGE
+from .settings import CodeSettings
 from .specimen import SIZES, Specimen, aligned
 
 Array = NDArray[np.float64]
@@ -44,26 +44,6 @@ CONTEXT = (
 Short = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-#: A smaller share of the design's pairs does not determine the codes …
-_LEAST_SHARE = 0.15
-#: … nor do fewer than these.
-_FEWEST = 12
-#: A pair whose χ² (of 6) given the others is above this is not where its track is.
-STRAY = 50.0
-#: A stray pair draws the others with it: pairs below this share of the worst χ² are judged again
-#: without the worst.
-_NEAR_WORST = 0.25
-#: A pair of ambiguous number is read where its χ² given the others is below this. On folded skin
-#: the right one is up to 170 off, the wrong one 50 000.
-_LIKELY = 1000.0
-#: Largest mean χ² per measurement at which a frame still counts as a trained press.
-_UNLIKE = 9.0
-#: The azimuth is changed by no less than this [rad] …
-_LEAST_TURN = np.deg2rad(0.7)
-#: … nor by less than this many of its standard deviations.
-_CERTAIN_TURN = 3.0
-#: Changes of the azimuth in one frame.
-_TURNS = 6
 #: Part of the noise's variance that is added before a logarithm: less says nothing.
 _LEAST = 0.01
 
@@ -83,7 +63,7 @@ class Posterior:
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """What the next frame uses again, because it seldom changes and takes long to compute."""
+    """Values for the next frame: they seldom change and take long to compute."""
 
     noise: NoiseLevel
     vague: VagueSizes | None = None
@@ -132,12 +112,14 @@ class Codes:
     plane: LoadPlane
 
 
-def least_pairs(sensor: SensorDesign) -> int:
+def least_pairs(sensor: SensorDesign, settings: CodeSettings) -> int:
     """Pairs that have to be visible, at least."""
-    return max(_FEWEST, round(_LEAST_SHARE * len(sensor.places)))
+    return max(settings.fewest_pairs, round(settings.least_share * len(sensor.places)))
 
 
-def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fit, Kept]:
+def fit_codes(
+    specimen: Specimen, kept: Kept | None, tracks: Tracks, settings: CodeSettings
+) -> tuple[Fit, Kept]:
     """Unknowns of a frame, and what to keep for the next one.
 
     Parameters
@@ -151,36 +133,45 @@ def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fi
     NoEstimateError
         When too few pairs of the design are visible.
     """
-    shifts, certain = specimen.shifts(tracks, least_pairs(specimen.shifts.sensor))
+    shifts, certain = specimen.shifts(tracks, least_pairs(specimen.shifts.sensor, settings))
     visible = specimen.shifts.whole(tracks.visible)
     level = typical_variance(tracks.covariance, specimen.shifts.pairs, visible)
-    if kept is None or abs(level - kept.noise.level) >= NOISE_CHANGE * kept.noise.level:
+    if kept is None or abs(level - kept.noise.level) >= settings.noise_change * kept.noise.level:
         plane = aligned(specimen, 0.0) if kept is None else kept.noise.aligned
-        kept = Kept(noise=noise_level(specimen, plane, level, tracks, visible))
-    for turns in range(_TURNS):
-        fit, after = _fit_aligned(specimen, kept, tracks, shifts, visible, certain)
+        kept = Kept(noise=noise_level(specimen, plane, level, tracks, visible, settings))
+    for turns in range(settings.turns):
+        fit, after = _fit_aligned(specimen, kept, tracks, shifts, visible, certain, settings)
         turn, deviation = _turn(specimen, fit, after.noise)
-        if turns == _TURNS - 1 or abs(turn) < max(_LEAST_TURN, _CERTAIN_TURN * deviation):
+        least = max(settings.least_turn, settings.certain_turn * deviation)
+        if turns == settings.turns - 1 or abs(turn) < least:
             break
         plane = aligned(specimen, kept.noise.aligned.azimuth + turn)
-        kept = Kept(noise=noise_level(specimen, plane, level, tracks, visible))
+        kept = Kept(noise=noise_level(specimen, plane, level, tracks, visible, settings))
     return fit, after
 
 
 def _fit_aligned(
-    specimen: Specimen, kept: Kept, tracks: Tracks, shifts: Array, visible: Mask, certain: Mask
+    specimen: Specimen,
+    kept: Kept,
+    tracks: Tracks,
+    shifts: Array,
+    visible: Mask,
+    certain: Mask,
+    settings: CodeSettings,
 ) -> tuple[Fit, Kept]:
     """Unknowns of a frame for the kept azimuth, from shifts (P, 6) of the visible pairs (P,)."""
     noise = kept.noise
-    vague = vague_sizes(specimen, noise, kept.vague, tracks, visible)
+    vague = vague_sizes(specimen, noise, kept.vague, tracks, visible, settings)
     weights = noise.weights if vague is None else vague.weights
     white = np.empty(shifts.shape, dtype=np.float32)
     whitened(shifts, noise.aligned.mean, visible, SIZE_CHANGE, weights.whiten, white)
-    solver = _Solver(noise=noise, weights=weights, white=white, before=kept.posterior)
+    solver = _Solver(
+        noise=noise, weights=weights, white=white, before=kept.posterior, settings=settings
+    )
     fit = solver.consistent(certain)
     ambiguous = visible & ~certain
     if ambiguous.any():
-        fit = solver.consistent(solver.with_likely(fit, ambiguous, _LIKELY))
+        fit = solver.consistent(solver.with_likely(fit, ambiguous, settings.likely))
     return fit, Kept(noise=noise, vague=vague or kept.vague, posterior=fit.posterior)
 
 
@@ -199,7 +190,7 @@ def _turn(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> tuple[float, float
     return turn, math.sqrt(noise.across_variance / max(size, 1e-12))
 
 
-def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
+def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel, settings: CodeSettings) -> Codes:
     """Codes that a fit determines.
 
     Raises
@@ -211,10 +202,10 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
     every = bool(fit.pairs.all())
     measured = specimen.shifts.measured if every else specimen.shifts.measured[fit.pairs]
     misfit = float(fit.misfit @ fit.pairs) / (measured.sum() - len(fit.unknowns))
-    if misfit > _UNLIKE:
+    if misfit > settings.unlike:
         raise NoEstimateError(
             f"the markers move as no trained press moves them: χ² is {misfit:.0f} a measurement, "
-            f"{_UNLIKE:g} at most is allowed"
+            f"{settings.unlike:g} at most is allowed"
         )
     odd = fit.unknowns[count : -len(SIZES)]
     unit = noise.odd_unit
@@ -268,23 +259,25 @@ class _Solver:
     noise: level of the frame
     weights: of the frame's pairs
     white: whitened shifts, 0 where a pair is not visible, shape (P, 6)
-    before: posterior of the frame before, used again where it is of the same weights and pairs
+    before: posterior of the frame before, used again where weights and pairs are the same
+    settings: tuned numbers
     """
 
     noise: NoiseLevel
     weights: Weights
     white: Short
     before: Posterior | None
+    settings: CodeSettings
 
     def consistent(self, certain: Mask) -> Fit:
         """Fit to those of the certain pairs that do not stray from the others."""
-        pairs, limit = certain, STRAY
+        settings, pairs, limit = self.settings, certain, self.settings.stray
         while True:
             fit = self.fit(pairs)
             worst = float(fit.misfit[pairs].max())
-            if worst > STRAY or pairs is not certain:
-                limit = STRAY * max(1.0, float(np.median(fit.misfit[pairs])) / MEASURED)
-            stray = pairs & (fit.misfit > max(limit, _NEAR_WORST * worst))
+            if worst > settings.stray or pairs is not certain:
+                limit = settings.stray * max(1.0, float(np.median(fit.misfit[pairs])) / MEASURED)
+            stray = pairs & (fit.misfit > max(limit, settings.near_worst * worst))
             if not stray.any():
                 break
             pairs = pairs & ~stray
@@ -321,11 +314,10 @@ class _Solver:
             return before
         covariance = weights.covariance
         if not pairs.all():
-            # What the lost pairs told is taken back.
+            # The information of the lost pairs is taken back.
             lost = weights.rows.reshape(len(pairs), MEASURED, -1)[~pairs].astype(float)
-            _, covariance = changed(
-                weights, lost, np.broadcast_to(-np.eye(MEASURED), (*lost.shape[:2], MEASURED))
-            )
+            less = np.broadcast_to(-np.eye(MEASURED), (*lost.shape[:2], MEASURED))
+            _, covariance = changed(weights, lost, less, self.settings.few)
         return Posterior(
             weights=weights,
             pairs=pairs,

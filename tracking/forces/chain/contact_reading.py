@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....model import Fingertip, ForceField
+from .settings import ObjectSettings
 
 Array = NDArray[np.float64]
 
@@ -64,25 +65,13 @@ def smoothness(places: Array, length: float) -> Array:
     return correlation
 
 
-#: Prior mean of the object under the contact: height [m], slope, curvature [1/m] and softness at
-#: 251 nodes [m/N].
-_OBJECT_MEAN = np.array([0.0, 0.0, 100.0, 3e-3])
-#: Prior standard deviation of the same: from a flat table to a pea, from steel to a ripe berry.
-_OBJECT_DEVIATION = np.array([1e-2, 0.3, 80.0, 4e-3])
-#: Standard deviation of the skin from that model [m].
-_ROUGHNESS = 40e-6
-#: Common error of all forces as a share, by knots and linearising.
-_COMMON = 0.03
-#: Fits of the object: normal forces follow from its slope, and the slope from them.
-_PASSES = 2
-
-
 def read_contact(
     fingertip: Fingertip,
     displacement: Array,
     forces: Array,
     force_factor: Array,
     displacement_factor: Array,
+    settings: ObjectSettings,
 ) -> ForceField:
     """Force field of an estimate, with the covariance that the object's unknown slope adds.
 
@@ -94,7 +83,7 @@ def read_contact(
     force_factor, displacement_factor: common factor of their covariance, both (N, 2, R)
     """
     slope, slope_factor = object_slope(
-        fingertip, displacement, forces, force_factor, displacement_factor
+        fingertip, displacement, forces, force_factor, displacement_factor, settings
     )
     rest, _, threshold = _chain_at_rest(fingertip)
     cos = 1.0 / np.hypot(1.0, slope)
@@ -110,7 +99,7 @@ def read_contact(
     spread[1, :, :-1] = -normal[:, None] * turn
     spread[0, :, :shared] += s * force_factor[:, 0] - c * force_factor[:, 1]
     spread[1, :, :shared] += c * force_factor[:, 0] + s * force_factor[:, 1]
-    spread[0, :, -1], spread[1, :, -1] = _COMMON * normal, _COMMON * friction
+    spread[0, :, -1], spread[1, :, -1] = settings.common * normal, settings.common * friction
     totals = contact.astype(float) @ spread
     return ForceField(
         position=rest + displacement,
@@ -128,6 +117,7 @@ def object_slope(
     forces: Array,
     force_factor: Array,
     displacement_factor: Array,
+    settings: ObjectSettings,
 ) -> tuple[Array, Array]:
     """Slope of the object at every node (N,), and a factor (N, R + 4) of its covariance.
 
@@ -136,9 +126,10 @@ def object_slope(
     """
     rest, share, threshold = _chain_at_rest(fingertip)
     position, normal = rest + displacement, -forces[:, 1]
-    unknowns = len(_OBJECT_MEAN)
+    mean, deviation = np.array(settings.mean), np.array(settings.deviation)
+    unknowns = len(mean)
     slope = np.zeros(len(normal))
-    for _ in range(_PASSES):
+    for _ in range(settings.passes):
         pressed = np.flatnonzero(normal > threshold)
         if len(pressed) < unknowns:
             none = np.zeros((len(normal), displacement_factor.shape[2] + unknowns))
@@ -147,10 +138,10 @@ def object_slope(
         x, z = (position - load @ position[pressed] / load.sum()).T
         at_x, at_z = x[pressed], z[pressed]
         design = np.stack([np.ones_like(at_x), at_x, (at_x**2 + at_z**2) / 2, load], axis=1)
-        weighted = design * (load / (load.max() * _ROUGHNESS**2))[:, None]
-        covariance = np.linalg.inv(design.T @ weighted + np.diag(_OBJECT_DEVIATION**-2))
+        weighted = design * (load / (load.max() * settings.roughness**2))[:, None]
+        covariance = np.linalg.inv(design.T @ weighted + np.diag(deviation**-2))
         gain = covariance @ weighted.T
-        _, b, c, softness = _OBJECT_MEAN + gain @ (at_z - design @ _OBJECT_MEAN)
+        _, b, c, softness = mean + gain @ (at_z - design @ mean)
         upright = np.maximum(1.0 - c * z, 0.3)  # beyond the circle's side there is no contact
         slope = (b + c * x) / upright
         normal = (slope * forces[:, 0] - forces[:, 1]) / np.hypot(1.0, slope)

@@ -23,7 +23,8 @@ HARMONICS = 4
 #: Azimuths by which a field is found from its values on circles.
 CIRCLE = 16
 #: Layers, and components (radial, tangential, log size) of a field.
-_LAYERS, _COMPONENTS = 2, 3
+_LAYERS = 2
+_COMPONENTS = 3
 #: Shape of one field.
 FIELD = (_LAYERS, _COMPONENTS, len(STATIONS), HARMONICS)
 

@@ -18,39 +18,12 @@ from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from .contact_reading import ForcePrior, force_basis, read_contact
 from .sensitivity import MarkerResponse
+from .settings import GaussianProcessSettings
 
 Array = NDArray[np.float64]
 
 #: Fewer visible pairs than this near the contact do not determine it.
 MIN_MARKERS = 20
-#: Markers further than this outside the prior's reach do not feel the contact [rad].
-_MARGIN = np.deg2rad(20.0)
-#: Largest displacement of a node, as a share of the radius.
-_FARTHEST = 0.5
-#: Slope of the skin below which the jump in its stiffness is smoothed, so that Newton settles.
-_BLUNT = 0.05
-#: Log evidence that a zone must win by, so that ties do not make the estimate flicker.
-_ZONE_GAIN = 1.5
-#: A step smaller than this ends the passes [m].
-_SETTLED = 20e-6
-#: Largest last step of a solution [m].
-_UNSETTLED = 60e-6
-#: Factors by which the noise is overstated from pass to pass, from rest: smooth, broad forces that
-#: sharpen later keep the skin from folding the wrong way.
-_COLD = (100.0, 30.0, 10.0, 5.0, 3.0, 2.0, 1.0, 1.0, 1.0)
-#: Such factors from the last frame.
-_WARM = (1.0, 1.0)
-#: Ways to a solution from rest: such factors, and the share of a Newton step that each pass takes.
-_FROM_REST = ((_COLD, 0.8), (tuple(np.repeat(_COLD, 2).tolist()), 0.4))
-#: Share of a Newton step that each pass takes from the last frame.
-_WARM_SHARE = 0.8
-#: Passes of half the step that follow where these do not settle.
-_MORE = 8
-#: Motion of a marker that forces which are linear between knots cannot follow [px]: without it,
-#: places that are known to 0.01 px bend the forces of sharp contacts.
-_COARSENESS = 0.15
-#: Largest mean square of the markers' residuals over their noise in a solution.
-_MISFIT = 9.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +55,7 @@ class Posterior:
 
 @dataclass(frozen=True, kw_only=True)
 class Linearisation:
-    """Where a pass begins: about a displacement, with a prior of some size on a zone.
+    """Start of a pass: a displacement, and the size of the prior on a zone.
 
     Attributes
     ----------
@@ -120,14 +93,19 @@ class GaussianProcess:
     calibration: of the sensor
     rest: tracks of the unloaded sensor
     prior: see ForcePrior
+    settings: tuned numbers
     """
 
     def __init__(
-        self, calibration: SensorCalibration, rest: Tracks, prior: ForcePrior | None = None
+        self,
+        calibration: SensorCalibration,
+        rest: Tracks,
+        prior: ForcePrior | None = None,
+        settings: GaussianProcessSettings = GaussianProcessSettings(),
     ) -> None:
-        self._prior = prior or ForcePrior()
+        self._prior, self._settings = prior or ForcePrior(), settings
         self._fingertip = fingertip = calibration.fingertip
-        reach = np.deg2rad(self._prior.reach_deg) + _MARGIN
+        reach = np.deg2rad(self._prior.reach_deg) + settings.margin
         self._shifts = MarkerShifts(calibration, rest, reach)
         self._response = MarkerResponse(
             self._shifts.sensor, self._shifts.places, fingertip.angles()
@@ -137,7 +115,7 @@ class GaussianProcess:
         unloaded = np.zeros((fingertip.nodes, 2))
         at_rest, _ = self._response(unloaded, np.empty((*unloaded.shape, 0)))
         self._at_rest = at_rest + self._response.perspective(unloaded)
-        self._coarseness = _COARSENESS**2 * np.diag(np.tile([1.0, 1.0, 0.0], 2))
+        self._coarseness = settings.coarseness**2 * np.diag(np.tile([1.0, 1.0, 0.0], 2))
         middle = self._prior.knots // 2
         self._unloaded = Linearisation(
             displacement=unloaded,
@@ -161,6 +139,7 @@ class GaussianProcess:
         NoEstimateError
             When no solution explains the markers, not even one sought from rest.
         """
+        settings = self._settings
         shifts, visible = self._shifts(tracks, MIN_MARKERS)
         noise = self._shifts.noise(tracks)[visible] + self._coarseness
         observation = Observation(
@@ -168,9 +147,14 @@ class GaussianProcess:
             whiten=np.linalg.inv(np.linalg.cholesky(noise)),
             visible=visible,
         )
-        tries = [(self._unloaded, heats, share) for heats, share in _FROM_REST]
+        heats = settings.heats
+        twice = tuple(heat for heat in heats for _ in range(2))
+        tries = [
+            (self._unloaded, heats, settings.share),
+            (self._unloaded, twice, settings.slow_share),
+        ]
         if self._last is not None:
-            tries.insert(0, (self._last, _WARM, _WARM_SHARE))
+            tries.insert(0, (self._last, settings.warm_heats, settings.warm_share))
         self._last = None
         for start, heats, share in tries:
             solution = self._settle(start, observation, heats, share)
@@ -187,30 +171,32 @@ class GaussianProcess:
         share: float,
     ) -> tuple[Linearisation, Posterior] | None:
         """Solution after passes with the noise overstated by `heats`; None where none fits."""
+        settings = self._settings
         here = start
-        shares = [share] * len(heats) + [0.5 * share] * _MORE
-        for heat, part in zip((*heats, *[1.0] * _MORE), shares, strict=True):
+        shares = [share] * len(heats) + [0.5 * share] * settings.more
+        for heat, part in zip((*heats, *[1.0] * settings.more), shares, strict=True):
             try:
                 with np.errstate(invalid="raise"):
                     here, posterior, step = self._pass(here, observation, heat)
             except (FloatingPointError, np.linalg.LinAlgError):
                 return None
             here = replace(here, displacement=here.displacement + part * step)
-            if not abs(here.displacement).max() < _FARTHEST * self._fingertip.radius:
+            if not abs(here.displacement).max() < settings.farthest * self._fingertip.radius:
                 return None
             moved = abs(part * step).max()
-            if heat == 1.0 and moved < _SETTLED:
+            if heat == 1.0 and moved < settings.settled:
                 break
-        return (here, posterior) if moved < _UNSETTLED and posterior.misfit < _MISFIT else None
+        good = moved < settings.unsettled and posterior.misfit < settings.misfit
+        return (here, posterior) if good else None
 
     def _pass(
         self, here: Linearisation, observation: Observation, heat: float
     ) -> tuple[Linearisation, Posterior, Array]:
         """Zone and amplitude by the evidence here, the posterior, and the step to its mean [m]."""
         visible, whiten = observation.visible, observation.whiten / heat
-        held = chain_forces(self._fingertip, here.displacement)
-        loads = np.concatenate([held[:, :, None], self._hats], axis=2)
-        moves = chain_compliance(self._fingertip, here.displacement, loads, _BLUNT)
+        carried = chain_forces(self._fingertip, here.displacement)
+        loads = np.concatenate([carried[:, :, None], self._hats], axis=2)
+        moves = chain_compliance(self._fingertip, here.displacement, loads, self._settings.blunt)
         predicted, derivative = self._response(here.displacement, moves)
         predicted = predicted + self._response.perspective(here.displacement)
         # Newton about the last displacement u₀ with C = ∂u/∂f: y = h(u₀) − h(0) + J·C·(f − F(u₀)).
@@ -256,7 +242,7 @@ class GaussianProcess:
             steps = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, 1), (1, -1), (1, 1), (-1, -1))
             moved = [(zone[0] + a * stride, zone[1] + b * stride) for a, b in steps]
             best = max(moved, key=score)
-            if score(best) > score(zone) + _ZONE_GAIN:
+            if score(best) > score(zone) + self._settings.zone_gain:
                 zone = best
             else:
                 stride //= 2
@@ -269,7 +255,10 @@ class GaussianProcess:
     def _field(self, displacement: Array, posterior: Posterior) -> ForceField:
         """Mean and covariance of the forces, turned into the object's normal."""
         mean, forces, moves = posterior.solve()
-        return read_contact(self._fingertip, displacement, posterior.basis @ mean, forces, moves)
+        return read_contact(
+            self._fingertip, displacement, posterior.basis @ mean, forces, moves,
+            self._settings.contact,
+        )  # fmt: skip
 
 
 def _log_evidence(information: Array, moment: Array, prior: Array, zone: NDArray[np.intp]) -> float:

@@ -17,28 +17,13 @@ from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from .codes import CONTEXT, Codes, Kept, fit_codes, trained_codes
 from .readout import BEND, ReadOut, forward, linear_sums, linearised, load_readout
+from .settings import LearnedSettings
 from .specimen import read_specimen
 
 Array = NDArray[np.float64]
 #: In single or double precision.
 Numbers = NDArray[np.floating]
 
-#: ΣFn is unknown where its deviation is more than this share of it, and _VAGUE more.
-_VAGUE_SHARE = 0.4
-#: See _VAGUE_SHARE [N].
-_VAGUE = 0.1
-#: µ is observable where its deviation is less than this share of that before any image.
-_OBSERVABLE = 0.4
-#: Largest |asinh(ΣFn/BEND)| that is read, some 30 N.
-_LARGEST = 5.0
-#: What the context of a frame may exceed that of the training by: in logarithms.
-_SLACK = 0.2
-#: Largest factor by which compression may enlarge the errors of markers: that of H.264 at crf 18.
-_COMPRESSED = 7.5
-#: No µ is read below this.
-_SMALLEST_FRICTION = 0.05
-#: Less than this is no contact [N].
-_NO_CONTACT = 0.01
 #: Variances of a code's change over a frame that are weighed against each other, in units of its
 #: usual variance.
 _ACTIVITIES = np.concatenate([[0.0], np.logspace(-9.0, 0.0, 19)])
@@ -78,7 +63,7 @@ class Average:
 
 @dataclass(frozen=True, kw_only=True)
 class Memory:
-    """What is remembered from frame to frame: what `fit_codes` keeps, and the average of codes."""
+    """State from frame to frame: values that `fit_codes` keeps, and the average of codes."""
 
     kept: Kept | None = None
     average: Average | None = None
@@ -86,7 +71,7 @@ class Memory:
 
 @dataclass(frozen=True, kw_only=True)
 class Totals:
-    """What a read-out says of a frame's sums.
+    """Estimate of a frame's sums by a read-out.
 
     Attributes
     ----------
@@ -112,11 +97,18 @@ class Learned:
     calibration: of the sensor, with a read-out
     rest: tracks of the unloaded sensor
     averaged: read codes that are averaged while the skin holds still, not those of single frames
+    settings: tuned numbers
     """
 
     def __init__(
-        self, calibration: SensorCalibration, rest: Tracks, *, averaged: bool = False
+        self,
+        calibration: SensorCalibration,
+        rest: Tracks,
+        *,
+        averaged: bool = False,
+        settings: LearnedSettings = LearnedSettings(),
     ) -> None:
+        self._settings = settings
         path, tip = required_readout(calibration), calibration.fingertip
         readout = load_readout(path)
         nodes = readout.modes.shape[1]
@@ -152,17 +144,18 @@ class Learned:
         NoEstimateError
             When no trained press explains them, or many do.
         """
+        settings = self._settings
         before = self._memory
         self.reset()
-        if tracks.compression > _COMPRESSED:
+        if tracks.compression > settings.compressed:
             raise NoEstimateError(
                 f"compressed too much to read forces: markers are {tracks.compression:.1f} times "
-                f"less certain than noise makes them, {_COMPRESSED:g} times at most is allowed; "
-                "record H.264 at crf <= 12, or pictures without loss"
+                f"less certain than noise makes them, {settings.compressed:g} times at most is "
+                "allowed; record H.264 at crf <= 12, or pictures without loss"
             )
-        fit, kept = fit_codes(self._specimen, before.kept, tracks)
+        fit, kept = fit_codes(self._specimen, before.kept, tracks, settings.codes)
         self._memory = Memory(kept=kept)
-        codes = trained_codes(self._specimen, fit, kept.noise)
+        codes = trained_codes(self._specimen, fit, kept.noise, settings.codes)
         if self._averaged:
             noise = codes.variance - codes.constant_variance
             average = Average(codes=codes.value, variance=noise)
@@ -171,17 +164,17 @@ class Learned:
             self._memory = Memory(kept=kept, average=average)
             variance = average.variance + codes.constant_variance
             codes = replace(codes, value=average.codes, variance=variance)
-        _check_trained(self._readout, codes)
+        _check_trained(self._readout, codes, settings.slack)
         # Noise matters in the weak codes, which are the last.
         weak = codes.variance[len(codes.variance) // 2 :]
         level = math.exp(0.5 * float(np.log(weak).mean()))
         x = self._readout.inputs(codes.value, level, codes.context)
         # Forces are those of the fingertip trained on, stiffer or softer in all its springs.
         stiffness = self._fingertip.tissue_stiffness / self._readout.tissue_stiffness
-        totals = _read_totals(self._readout, codes, x, stiffness)
+        totals = _read_totals(self._readout, codes, x, stiffness, settings)
         displacement = np.append(codes.value, 1.0).astype(np.float32) @ self._displacement
         position = self._at_rest + displacement.reshape(-1, 2)
-        field = _force_field(self._readout, self._threshold, totals, x, position)
+        field = _force_field(self._readout, self._threshold, totals, x, position, settings)
         return replace(field, plane=codes.plane)
 
 
@@ -190,8 +183,8 @@ def sequential(calibration: SensorCalibration, rest: Tracks) -> Learned:
     return Learned(calibration, rest, averaged=True)
 
 
-def _check_trained(readout: ReadOut, codes: Codes) -> None:
-    """Refuse a frame outside what was trained: no network is to be believed there.
+def _check_trained(readout: ReadOut, codes: Codes, slack: float) -> None:
+    """Refuse a frame outside the training, where no network can be trusted.
 
     Raises
     ------
@@ -200,19 +193,21 @@ def _check_trained(readout: ReadOut, codes: Codes) -> None:
     """
     over = codes.context - readout.context[2]
     worst = int(over.argmax())
-    if over[worst] > _SLACK:
+    if over[worst] > slack:
         raise NoEstimateError(
             f"the markers move as no trained press moves them: {CONTEXT[worst]} is "
             f"{math.exp(0.5 * over[worst]):.1f} times what it was in training"
         )
     reach = float(readout.size_of(codes.value)) / readout.reach
-    if reach > 1.0 + _SLACK:
+    if reach > 1.0 + slack:
         raise NoEstimateError(
             f"the skin has moved {reach:.1f} times as far as in the hardest trained press"
         )
 
 
-def _read_totals(readout: ReadOut, codes: Codes, x: Numbers, stiffness: float) -> Totals:
+def _read_totals(
+    readout: ReadOut, codes: Codes, x: Numbers, stiffness: float, settings: LearnedSettings
+) -> Totals:
     """Sums and µ of codes.
 
     Parameters
@@ -242,10 +237,11 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Numbers, stiffness: float) -
     if noisier:
         slope = readout.slope(codes.value, by_input)
         covariance += slope @ codes.excess @ slope.T
+    most = settings.largest
     normal, friction = (
-        BEND * math.sinh(min(max(float(value), -_LARGEST), _LARGEST)) for value in totals[:2]
+        BEND * math.sinh(min(max(float(value), -most), most)) for value in totals[:2]
     )
-    mu = max(math.exp(min(float(totals[2]), 1.0)), _SMALLEST_FRICTION)
+    mu = max(math.exp(min(float(totals[2]), 1.0)), settings.smallest_friction)
     # To newtons, and to |ΣFf|.
     side = 1.0 if friction >= 0.0 else -1.0
     unit = stiffness * np.array([math.hypot(normal, BEND), side * math.hypot(friction, BEND), 0.0])
@@ -253,7 +249,7 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Numbers, stiffness: float) -
     unit[2] = mu / math.hypot(1.0, math.sqrt(covariance[2, 2]) / readout.prior)
     covariance *= np.outer(unit, unit)
     deviation = math.sqrt(covariance[0, 0])
-    if deviation > _VAGUE_SHARE * abs(normal) + _VAGUE:
+    if deviation > settings.vague_share * abs(normal) + settings.vague:
         raise NoEstimateError(
             f"the markers leave ΣFn open: {normal:.1f} N with a deviation of {deviation:.1f} N"
         )
@@ -267,7 +263,12 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Numbers, stiffness: float) -
 
 
 def _force_field(
-    readout: ReadOut, threshold: Array, totals: Totals, x: Numbers, position: Array
+    readout: ReadOut,
+    threshold: Array,
+    totals: Totals,
+    x: Numbers,
+    position: Array,
+    settings: LearnedSettings,
 ) -> ForceField:
     """Nodal forces of these sums, at deformed positions (N, 2) [m].
 
@@ -279,7 +280,8 @@ def _force_field(
     press = np.append(1.0, shapes[:half]) @ readout.normal_shapes
     drag = np.append(1.0, shapes[half:]) @ readout.friction_shapes
     press = np.maximum(press, 0.0)
-    pressing = normal * press / press.sum() if normal > _NO_CONTACT else np.zeros(len(position))
+    touching = normal > settings.no_contact
+    pressing = normal * press / press.sum() if touching else np.zeros(len(position))
     contact = pressing > threshold
     touches = bool(contact.any())
     if touches:
@@ -301,7 +303,7 @@ def _force_field(
         friction_reading=FrictionReading(
             value=mu,
             deviation=deviation,
-            observable=slips and deviation < _OBSERVABLE * readout.prior * mu,
+            observable=slips and deviation < settings.observable * readout.prior * mu,
             totals_covariance=(float(totals.covariance[0, 2]), float(totals.covariance[1, 2])),
             margin_deviation=totals.margin_deviation,
         ),

@@ -1,4 +1,4 @@
-"""Weights of the marker pairs at a frame's noise level: what their shifts say of the codes."""
+"""Weights of the marker pairs at a frame's noise level: information of their shifts on codes."""
 
 from dataclasses import dataclass
 
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ...tracks import Tracks
 from ..shifts import MEASURED
 from .code_kernels import find_vague
+from .settings import CodeSettings
 from .specimen import SIZES, Aligned, Specimen
 
 Array = NDArray[np.float64]
@@ -18,21 +19,11 @@ Mask = NDArray[np.bool_]
 #: Least model error of log sizes: light and lens change them by more than a calibration tells, and
 #: by other amounts where the skin has moved.
 _SIZE_FLOOR = 1e-3
-#: Smallest share of a code that pairs must determine for the prior to be undone.
-_DETERMINED = 0.7
-#: Weights are computed anew when the noise has changed by more than this share …
-NOISE_CHANGE = 0.25
-#: … and those of single pairs where the variance of a log size is more than this many times theirs.
-_VAGUER = 4.0
-#: Measurements of pairs over unknowns up to which a covariance is updated, not computed anew.
-_FEW = 0.5
-#: Directions of codes whose variance is more than this many times the median's widen the interval.
-_NOISIER = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """What P pairs say of U unknowns, in units of their noise.
+    """Information of P pairs on U unknowns, in units of their noise.
 
     Attributes
     ----------
@@ -114,7 +105,12 @@ def believed(floor: Array) -> Array:
 
 
 def noise_level(
-    specimen: Specimen, plane: Aligned, level: float, tracks: Tracks, visible: Mask
+    specimen: Specimen,
+    plane: Aligned,
+    level: float,
+    tracks: Tracks,
+    visible: Mask,
+    settings: CodeSettings,
 ) -> NoiseLevel:
     """Weights for frames as noisy as this one, of a load in that plane."""
     frame = specimen.shifts.covariance(tracks)
@@ -131,7 +127,7 @@ def noise_level(
     information = rows.T @ rows + np.diag(1.0 / specimen.strength)
     covariance = np.asarray(np.linalg.inv(information))
     # A code that the visible pairs hardly determine stays near its mean.
-    unshrink = 1.0 / np.maximum(1.0 - np.diag(covariance) / specimen.strength, _DETERMINED)
+    unshrink = 1.0 / np.maximum(1.0 - np.diag(covariance) / specimen.strength, settings.determined)
     codes = specimen.codes
     unshrink[-len(SIZES) :] = 1.0
     variance = (unshrink * np.diag(covariance))[:codes]
@@ -139,7 +135,7 @@ def noise_level(
     typical = float(np.median(variance))
     raised = (unshrink[:, None] * covariance * unshrink)[:codes, :codes]
     spreads, directions = np.linalg.eigh(raised)
-    excess = np.where(spreads > _NOISIER * typical, spreads - typical, 0.0)
+    excess = np.where(spreads > settings.noisier * typical, spreads - typical, 0.0)
     odd, across = slice(codes, -len(SIZES)), specimen.direction.across
     operator = (unshrink[:, None] * (covariance @ rows.T))[:codes].reshape(codes, pairs, MEASURED)
     whitened = whiten @ constant @ np.swapaxes(whiten, 1, 2)
@@ -169,16 +165,18 @@ def vague_sizes(
     before: VagueSizes | None,
     tracks: Tracks,
     visible: Mask,
+    settings: CodeSettings,
 ) -> VagueSizes | None:
     """Weights of a frame in which log sizes of some pairs, which touch others, are vaguer."""
     shifts, pairs = specimen.shifts, np.empty_like(visible)
-    if not find_vague(tracks.covariance, shifts.pairs, visible, noise.sizes, _VAGUER, pairs):
+    vaguer = settings.vaguer
+    if not find_vague(tracks.covariance, shifts.pairs, visible, noise.sizes, vaguer, pairs):
         return None
     if before is not None and not (pairs & ~before.pairs).any():
         # Pairs at the bound come and go: those that are surer again are weighed as before.
         now = shifts.covariance(tracks, pairs).diagonal(axis1=1, axis2=2)
         then = before.variances[pairs[before.pairs]]
-        if (abs(now - then) < NOISE_CHANGE * then).all():
+        if (abs(now - then) < settings.noise_change * then).all():
             return before
     covariance = shifts.covariance(tracks, pairs)
     variances = covariance.diagonal(axis1=1, axis2=2)
@@ -190,12 +188,12 @@ def vague_sizes(
     whiten[pairs] = own
     rows.reshape(len(pairs), MEASURED, unknowns)[pairs] = own @ loadings
     change = np.swapaxes(own, 1, 2) @ own - np.swapaxes(usual, 1, 2) @ usual
-    information, covariance = changed(weights, loadings, change)
+    information, covariance = changed(weights, loadings, change, settings.few)
     vague = Weights(whiten=whiten, rows=rows, information=information, covariance=covariance)
     return VagueSizes(pairs=pairs, variances=variances, weights=vague)
 
 
-def changed(weights: Weights, rows: Array, change: Array) -> tuple[Array, Array]:
+def changed(weights: Weights, rows: Array, change: Array, few: float) -> tuple[Array, Array]:
     """Information and covariance of all unknowns once V pairs say more or less of them.
 
     Parameters
@@ -203,6 +201,7 @@ def changed(weights: Weights, rows: Array, change: Array) -> tuple[Array, Array]
     weights: before
     rows: of these pairs, shape (V, 6, U)
     change: of their inverse covariance in the units of `rows`, shape (V, 6, 6)
+    few: number of measurements over unknowns up to which the covariance is updated
 
     Returns
     -------
@@ -210,10 +209,10 @@ def changed(weights: Weights, rows: Array, change: Array) -> tuple[Array, Array]
     """
     flat, weighed = (x.reshape(-1, rows.shape[2]) for x in (rows, change @ rows))
     information = weights.information + flat.T @ weighed
-    if len(flat) > _FEW * rows.shape[2]:
+    if len(flat) > few * rows.shape[2]:
         return information, np.asarray(np.linalg.inv(information))
     # By the formula of Woodbury.
     gain = weighed @ weights.covariance
     left = np.eye(len(flat)) + gain @ flat.T
-    told = weights.covariance @ flat.T
-    return information, np.asarray(weights.covariance - told @ np.linalg.solve(left, gain))
+    across = weights.covariance @ flat.T
+    return information, np.asarray(weights.covariance - across @ np.linalg.solve(left, gain))

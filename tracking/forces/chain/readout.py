@@ -32,8 +32,6 @@ BEND = 0.4
 LARGEST_CODE = 6.0
 #: Largest change of a marker's log size that is read.
 SIZE_CHANGE = 0.1
-#: Arrays of more numbers than this are written in half precision.
-_MANY = 5000
 #: Fields of a read-out that are texts.
 _TEXTS = ("design", "ranges")
 #: Fields of a read-out that are networks.
@@ -132,12 +130,12 @@ class ReadOut:
 
     @cached_property
     def rates(self) -> Array:
-        """How fast even codes change, relative to each other, shape (K,)."""
+        """Rates of change of the even codes, relative to each other, shape (K,)."""
         return self.strength[: self.codes] + 1.0
 
 
 def bent_scale(scale: Numbers) -> Numbers:
-    """What the second form of each code is divided by."""
+    """Divisor of the second form of each code."""
     return np.maximum(np.arcsinh(scale / 2.0), 1.0)
 
 
@@ -212,7 +210,8 @@ def save_readout(readout: ReadOut, path: Path) -> None:
         for k, (weights, bias) in enumerate(values.pop(name)):
             values[f"{name}_{k}_weights"], values[f"{name}_{k}_bias"] = weights, bias
     short = {
-        name: np.asarray(value, dtype=np.float16 if np.size(value) > _MANY else np.float32)
+        # Large arrays are written in half precision.
+        name: np.asarray(value, dtype=np.float16 if np.size(value) > 5000 else np.float32)
         for name, value in values.items()
     }
     with path.open("wb") as file:

@@ -14,23 +14,9 @@ from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from .contact_reading import ForcePrior, read_contact
 from .sensitivity import MarkerResponse
+from .settings import StiffnessSettings
 
 Array = NDArray[np.float64]
-
-#: Fewer visible pairs than this do not determine the displacement.
-MIN_MARKERS = 40
-#: Number of smooth bumps along the half circle that make up a displacement.
-_KNOTS = 41
-#: Their standard deviation along the skin [m].
-_WIDTH = 1.3e-3
-#: Prior standard deviation of each amplitude [m].
-_AMPLITUDE = 0.3e-3
-#: Largest angle from the apex at which forces are read [rad].
-_REACH = np.deg2rad(ForcePrior.reach_deg)
-#: Passes with the derivative at rest: lens and tilt make the shifts slightly nonlinear.
-_PASSES = 3
-#: Step of the stiffness' derivative [standard deviations].
-_STEP = 1e-2
 
 
 class StiffnessReading:
@@ -40,19 +26,26 @@ class StiffnessReading:
     ----------
     calibration: of the sensor
     rest: tracks of the unloaded sensor
+    settings: tuned numbers
     """
 
-    def __init__(self, calibration: SensorCalibration, rest: Tracks) -> None:
-        self._fingertip = tip = calibration.fingertip
+    def __init__(
+        self,
+        calibration: SensorCalibration,
+        rest: Tracks,
+        settings: StiffnessSettings = StiffnessSettings(),
+    ) -> None:
+        self._fingertip, self._settings = calibration.fingertip, settings
+        tip, knots = calibration.fingertip, settings.knots
         self._shifts = MarkerShifts(calibration, rest, np.pi / 2)
         self._response = MarkerResponse(self._shifts.sensor, self._shifts.places, tip.angles())
-        angles, knots = tip.angles(), np.linspace(-np.pi / 2, np.pi / 2, _KNOTS)
-        bumps = np.exp(-0.5 * ((angles[:, None] - knots) * tip.radius / _WIDTH) ** 2)
+        angles, middles = tip.angles(), np.linspace(-np.pi / 2, np.pi / 2, knots)
+        bumps = np.exp(-0.5 * ((angles[:, None] - middles) * tip.radius / settings.width) ** 2)
         bumps[[0, -1]] = 0.0  # held to the rigid part
-        self._basis = np.zeros((tip.nodes, 2, 2 * _KNOTS))
-        self._basis[:, 0, :_KNOTS] = self._basis[:, 1, _KNOTS:] = bumps
+        self._basis = np.zeros((tip.nodes, 2, 2 * knots))
+        self._basis[:, 0, :knots] = self._basis[:, 1, knots:] = bumps
         self._at_rest, self._jacobian = self._response(np.zeros((tip.nodes, 2)), self._basis)
-        self._near = np.abs(angles) < _REACH
+        self._near = np.abs(angles) < np.deg2rad(ForcePrior.reach_deg)
 
     def reset(self) -> None:
         """Nothing to forget: every frame is read by itself."""
@@ -63,22 +56,23 @@ class StiffnessReading:
         Raises
         ------
         NoEstimateError
-            When fewer than MIN_MARKERS pairs are visible.
+            When too few pairs are visible.
         NoEstimateError
             When the passes run away.
         """
-        shifts, visible = self._shifts(tracks, MIN_MARKERS)
+        settings = self._settings
+        shifts, visible = self._shifts(tracks, settings.least_markers)
         jacobian = self._jacobian[visible]
         weighted = np.linalg.solve(self._shifts.noise(tracks)[visible], jacobian)
         weighted = weighted.reshape(-1, jacobian.shape[2])
         jacobian = jacobian.reshape(weighted.shape)
-        information = weighted.T @ jacobian + np.eye(len(jacobian.T)) / _AMPLITUDE**2
+        information = weighted.T @ jacobian + np.eye(len(jacobian.T)) / settings.amplitude**2
         root = np.linalg.inv(np.linalg.cholesky(information)).T
         mean = np.zeros(len(root))
         none = np.empty((self._fingertip.nodes, 2, 0))
         try:
             with np.errstate(invalid="raise"):
-                for _ in range(_PASSES):
+                for _ in range(settings.passes):
                     predicted, _ = self._response(self._basis @ mean, none)
                     left = (shifts - predicted + self._at_rest)[visible].ravel() + jacobian @ mean
                     mean = root @ (root.T @ (weighted.T @ left))
@@ -89,9 +83,9 @@ class StiffnessReading:
         displacement, factor = self._basis @ mean, self._basis @ root
         forces = self._forces(displacement)
         columns = np.moveaxis(factor, 2, 0)
-        steps = [self._forces(displacement + _STEP * column) for column in columns]
-        spread = (np.stack(steps, axis=2) - forces[:, :, None]) / _STEP
-        return read_contact(self._fingertip, displacement, forces, spread, factor)
+        steps = [self._forces(displacement + settings.step * column) for column in columns]
+        spread = (np.stack(steps, axis=2) - forces[:, :, None]) / settings.step
+        return read_contact(self._fingertip, displacement, forces, spread, factor, settings.contact)
 
     def _forces(self, displacement: Array) -> Array:
         return np.where(self._near[:, None], chain_forces(self._fingertip, displacement), 0.0)

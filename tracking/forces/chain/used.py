@@ -1,4 +1,4 @@
-"""What a summary says of the reconstructor, the read-out and the calibration behind its forces."""
+"""Reconstructor, read-out and calibration behind the forces of a summary."""
 
 import hashlib
 from pathlib import Path
@@ -9,9 +9,6 @@ from ..calibration import SHIPPED, SensorCalibration, required_readout
 from ..kept_readouts import kept_readout
 from ..reconstructors import name_used, needs_readout
 from .readout import load_readout
-
-#: Digits of a file's SHA-256 in a summary.
-_DIGITS = 12
 
 
 class UsedReadOut(TypedDict):
@@ -59,7 +56,7 @@ def readout_origin(path: Path, calibration: SensorCalibration) -> str:
 
 def readout_digest(path: Path) -> str:
     """First digits of the SHA-256 of a read-out's file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:_DIGITS]
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
 
 
 def histories_of(path: Path) -> int | None:

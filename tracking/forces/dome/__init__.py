@@ -1,8 +1,6 @@
 """Force reconstruction on the dome: a contact that is fitted by synthesis, or free tractions."""
 
 from ..silicone_values import ON_CORE
-from .contact import PLACE_ERROR, SIZE_ERROR
-from .contact_cost import INDEPENDENT
 from .contact_state import (
     BRISTLE,
     CURVES,
@@ -21,6 +19,8 @@ from .contact_state import (
 )
 from .contact_way import Changes, ContactWay
 from .marker_response import DomeResponse
+from .settings import INDEPENDENT, PLACE_ERROR, SIZE_ERROR, ContactSettings
+from .traction.settings import TractionSettings
 from .untouched import untouched_field
 
 __all__ = [
@@ -37,8 +37,10 @@ __all__ = [
     "STIFFNESS",
     "TWIST",
     "Changes",
+    "ContactSettings",
     "ContactWay",
     "DomeResponse",
+    "TractionSettings",
     "limited_object",
     "limited_pose",
     "moves_of",

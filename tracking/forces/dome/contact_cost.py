@@ -1,4 +1,4 @@
-"""What a fit of a contact makes least, and its normal equations."""
+"""Cost that a fit of a contact minimises, and its normal equations."""
 
 from collections.abc import Sequence
 
@@ -6,13 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....model import Dome
-from .contact_state import CURVES, HOLLOW, MOVING, OBJECT, moves_of, prior_of, units_of
+from .contact_state import CURVES, MOVING, OBJECT, moves_of, prior_of, units_of
 from .key_shifts import Explained
+from .settings import ContactFitSettings
 
 Array = NDArray[np.float64]
-
-#: Key frames count as so many independent ones at most: errors of the model are alike in all.
-INDEPENDENT = 3.0
 
 
 class ContactCost:
@@ -21,19 +19,20 @@ class ContactCost:
     Parameters
     ----------
     dome: body
+    settings: tuned numbers
     """
 
-    def __init__(self, dome: Dome) -> None:
-        self.dome = dome
+    def __init__(self, dome: Dome, settings: ContactFitSettings) -> None:
+        self.dome, self._settings = dome, settings
         self.units = units_of(dome)
         self._prior = prior_of(dome)
-        self._hollow = HOLLOW / dome.radius
+        self._hollow = settings.model.hollow / dome.radius
 
     def _share(self, keys: int) -> float:
-        return min(1.0, INDEPENDENT / keys)
+        return min(1.0, self._settings.independent_keys / keys)
 
     def of(self, losses: Sequence[float], object_: Array, poses: Array) -> float:
-        """What a fit makes least, in squared deviations: what is left, and what is known before.
+        """Cost in squared deviations: residuals, and distances from the prior.
 
         Parameters
         ----------
@@ -41,7 +40,9 @@ class ContactCost:
         """
         off = (object_ - self._prior.mean) / self._prior.deviation
         hollow = np.minimum(object_[CURVES], 0.0)[:2] / self._hollow
-        moves = np.diff(poses, axis=0, prepend=0.0) / moves_of(self.dome, poses)
+        moves = np.diff(poses, axis=0, prepend=0.0) / moves_of(
+            self.dome, poses, self._settings.model
+        )
         known = float(off @ off + hollow @ hollow)
         return self._share(len(losses)) * sum(losses) + known + float((moves**2).sum())
 
@@ -65,7 +66,7 @@ class ContactCost:
         information[hollow, hollow] += (units / self._hollow) ** 2
         gradient[hollow] -= units * object_[hollow] / self._hollow**2
         # Each pose is near the one before, the first one near rest.
-        near = (self.units[:MOVING] / moves_of(self.dome, poses)) ** 2
+        near = (self.units[:MOVING] / moves_of(self.dome, poses, self._settings.model)) ** 2
         moves = np.diff(poses, axis=0, prepend=0.0) / self.units[:MOVING]
         for k, (move, known) in enumerate(zip(moves, near, strict=True)):
             own = np.arange(first + MOVING * k, first + MOVING * (k + 1))

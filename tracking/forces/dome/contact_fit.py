@@ -28,21 +28,12 @@ from .contact_state import (
 from .contact_way import Changes, ContactWay
 from .key_shifts import Explained, Key, Shifts
 from .marker_response import DomeResponse
+from .settings import ContactFitSettings
 
 Array = NDArray[np.float64]
 
-#: Smallest gain of a round, in squared deviations.
-_GAIN = 0.3
-#: Rounds of a rival after which it must promise to become better.
-_PROMISING = 2
-#: Rounds with the derivatives of a former solution, and how far the object may be from it: so many
-#: of the longest steps.
-_CHORDS, _NEAR = 3, 0.25
 #: Places of the last pose and the object among the unknowns of several key frames.
 _LAST = np.r_[-MOVING:0, 0 : len(OBJECT)]
-#: Most steps of a pose that is followed, the gain below which it stays as it is, in squared
-#: deviations, and the share of the gain before above which slopes are made anew.
-_STEPS, _STILL, _SLOW = 4, 0.03, 0.1
 
 
 class ContactFit:
@@ -52,15 +43,21 @@ class ContactFit:
     ----------
     dome: body
     response: of its markers
+    settings: tuned numbers
     """
 
-    def __init__(self, dome: Dome, response: DomeResponse) -> None:
-        self.dome = dome
+    def __init__(
+        self,
+        dome: Dome,
+        response: DomeResponse,
+        settings: ContactFitSettings = ContactFitSettings(),
+    ) -> None:
+        self.dome, self._settings = dome, settings
         self.units = units_of(dome)
         self._response = response
-        self._way = ContactWay(dome)
+        self._way = ContactWay(dome, settings.model)
         self._longest = longest_of(dome)
-        self._cost = ContactCost(dome)
+        self._cost = ContactCost(dome, settings)
 
     def fit_keys(
         self, object_: Array, keys: tuple[Key, ...], rounds: int, rival_of: Solution | None = None
@@ -76,8 +73,9 @@ class ContactFit:
         UserError
             When the contact does not converge.
         """
-        object_ = limited_object(self.dome, object_)
-        poses = limited_pose(self.dome, np.stack([key.pose for key in keys]))
+        settings = self._settings
+        object_ = limited_object(self.dome, object_, settings.model)
+        poses = limited_pose(self.dome, np.stack([key.pose for key in keys]), settings.model)
         shifts = [key.shifts for key in keys]
         damping = 1e-3
         contacts, seen = self._predicted(object_, poses)
@@ -87,7 +85,7 @@ class ContactFit:
         known = math.inf if rival_of is None else rival_of.cost
         for turn in range(rounds):
             if (
-                turn >= _PROMISING
+                turn >= settings.promising_rounds
                 and cost - gradient @ np.linalg.solve(information, gradient) > known
             ):
                 break
@@ -111,12 +109,12 @@ class ContactFit:
             contacts = reached
             explained, slopes, changes = self._explained(object_, poses, shifts, contacts, seen)
             information, gradient = self._cost.normal(explained, object_, poses)
-            if gain < _GAIN:
+            if gain < settings.least_gain:
                 break
         return self._solution(object_, poses, explained, contacts[-1], changes, slopes)
 
     def hold(self, last: Solution, keys: tuple[Key, ...], now: Followed) -> tuple[Solution, bool]:
-        """A solution with one more key frame and the same object, and whether that tells more.
+        """Solution with one more key frame and the same object, and whether to refit the object.
 
         Poses, shifts and slopes of the other key frames stay as they are, also those after one that
         is left out: what has been followed knows the way better than key frames do.
@@ -139,14 +137,15 @@ class ContactFit:
         slopes = self._slopes(changes)
         new = _explained(keys[-1].shifts, now.seen, slopes)
         explained = [before.get(id(key.shifts), new) for key in keys]
-        held = self._solution(object_, poses, explained, now.contact, changes, slopes)
+        solution = self._solution(object_, poses, explained, now.contact, changes, slopes)
         information, gradient = self._cost.normal(explained, object_, poses)
         step = np.asarray(np.linalg.solve(information, gradient), np.float64)
         gain = float(gradient @ step)
         step = self.units * step[_LAST]
-        tells = tells_more(held, self.units, gain, step)
-        # What the object is held against is unsure, too.
-        return replace(held, covariance=held.covariance + np.outer(step, step)), tells
+        tells = tells_more(solution, self.units, gain, step, self._settings)
+        # The object that is kept is uncertain by that step, too.
+        covariance = solution.covariance + np.outer(step, step)
+        return replace(solution, covariance=covariance), tells
 
     def along_chord(self, held: Solution, doubtful: bool) -> Solution | None:
         """As `fit_keys` near a solution, with its derivatives.
@@ -164,28 +163,29 @@ class ContactFit:
         UserError
             When the contact does not converge.
         """
+        settings = self._settings
         shifts = [key.shifts for key in held.keys]
         object_, poses = held.object_, np.stack([key.pose for key in held.keys])
         contacts, seen = self._predicted(object_, poses)
         explained = _seen_as(held.explained, seen)
         cost = self._cost.of([each.loss for each in explained], object_, poses)
-        for _ in range(_CHORDS):
+        for _ in range(settings.chord_rounds):
             information, gradient = self._cost.normal(explained, object_, poses)
             step = np.asarray(np.linalg.solve(information, gradient), np.float64)
             if cost - gradient @ step > held.cost and not doubtful:
                 return held
             tried = self._moved(object_, poses, step)
             moved = abs(tried[0] - held.object_) / self._longest[MOVING:]
-            if self._length(step) > 1.0 or moved.max() > _NEAR:
+            if self._length(step) > 1.0 or moved.max() > settings.chord_reach:
                 return None
             reached, seen = self._predicted(*tried, contacts)
             after = self._cost.of(_losses(shifts, seen), *tried)
-            if after > cost + _GAIN:
+            if after > cost + settings.least_gain:
                 return None
             gain, cost = cost - after, after
             (object_, poses), contacts = tried, reached
             explained = _seen_as(held.explained, seen)
-            if gain < _GAIN:
+            if gain < settings.least_gain:
                 break
         return self._solution(object_, poses, explained, contacts[-1], held.changes, held.slopes)
 
@@ -237,25 +237,26 @@ class ContactFit:
         UserError
             When the contact does not converge.
         """
+        settings = self._settings
         way, units = self._way, self.units[:MOVING]
         moving = tuple(range(MOVING))
         reached, pose, seen, slopes = last.contact, last.pose, last.seen, last.slopes
         whole = shifts.apply(slopes[:, shifts.used])
         before, fresh = math.inf, False
-        for _ in range(_STEPS):
+        for _ in range(settings.follow_steps):
             step, gain = self._pose_step(last.pose, pose, shifts, whole, seen)
-            if gain > _SLOW * before and gain > _STILL and not fresh:
+            if gain > settings.slow * before and gain > settings.follow_gain and not fresh:
                 reached, changes = way.step_and_changes(
                     last.contact, None, object_, last.pose, pose, moving, reached, solved=True
                 )
                 slopes, fresh = self._slopes(changes), True
                 whole = shifts.apply(slopes[:, shifts.used])
                 step, gain = self._pose_step(last.pose, pose, shifts, whole, seen)
-            if gain < _STILL:
+            if gain < settings.follow_gain:
                 break
             before = gain
             step *= min(1.0, 1.0 / float(abs(units * step / self._longest[:MOVING]).max()))
-            pose = limited_pose(self.dome, pose + units * step)
+            pose = limited_pose(self.dome, pose + units * step, settings.model)
             reached = way.step(last.contact, object_, last.pose, pose, reached)
             seen = self._seen(reached)
         now = Followed(contact=reached, pose=pose, seen=seen, slopes=slopes)
@@ -273,7 +274,7 @@ class ContactFit:
         whole: slopes of the used pairs there in deviations, shape (4, V·W)
         """
         units = self.units[:MOVING]
-        known = (units / moves_of(self.dome, last)) ** 2
+        known = (units / moves_of(self.dome, last, self._settings.model)) ** 2
         residual = shifts.residual(seen)
         weighted = whole * shifts.weights(residual)
         gradient = weighted @ residual + known * (last - pose) / units
@@ -291,7 +292,7 @@ class ContactFit:
         return self._response(contact.nodes, contact.linear)
 
     def _slopes(self, changes: Changes) -> Array:
-        """What each unknown changes of them over its unit, (C, P, 6)."""
+        """Changes of these shifts by each unknown over its unit, (C, P, 6)."""
         return self._response.along(changes.contact.nodes, changes.linear)
 
     def _predicted(
@@ -321,7 +322,7 @@ class ContactFit:
         contacts: list[PosedContact],
         seen: list[Array],
     ) -> tuple[list[Explained], Array, Changes]:
-        """What contacts show of key frames, slopes (12, P, 6) in the last and its changes."""
+        """Key frames as contacts explain them, slopes (12, P, 6) in the last and its changes."""
         contact, before = self._way.untouched(object_), np.zeros(MOVING)
         changes: Changes | None = None
         explained = []
@@ -337,7 +338,8 @@ class ContactFit:
     def _moved(self, object_: Array, poses: Array, step: Array) -> tuple[Array, Array]:
         moved = object_ + self.units[MOVING:] * step[: len(OBJECT)]
         on = self.units[:MOVING] * step[len(OBJECT) :].reshape(-1, MOVING)
-        return limited_object(self.dome, moved), limited_pose(self.dome, poses + on)
+        dome, model = self.dome, self._settings.model
+        return limited_object(dome, moved, model), limited_pose(dome, poses + on, model)
 
     def _length(self, step: Array) -> float:
         """Largest part of a step over the longest one."""

@@ -1,4 +1,4 @@
-"""What fits of contacts find: solutions of key frames, and contacts that are followed."""
+"""Results of fits of contacts: solutions of key frames, and contacts that are followed."""
 
 import math
 from dataclasses import dataclass
@@ -10,13 +10,9 @@ from ....model.dome import PosedContact
 from .contact_state import FRICTION, MOVING, OBJECT
 from .contact_way import Changes, sums_of
 from .key_shifts import Explained, Key
+from .settings import ContactFitSettings
 
 Array = NDArray[np.float64]
-
-#: Changes for which no object is fitted anew: of ln ΣFn, ln µ and Γ, small beside what the silicone
-#: and the friction law leave unsure; the same in their deviations; and the gain in squared
-#: deviations, over the misfit and the number of key frames.
-_LITTLE, _UNSURE, _TOLD = 0.003, 0.05, 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,8 +62,10 @@ class Followed:
     slopes: Array
 
 
-def tells_more(held: Solution, units: Array, gain: float, step: Array) -> bool:
-    """Whether a step of the last pose and the object changes what is told in the last frame.
+def tells_more(
+    held: Solution, units: Array, gain: float, step: Array, settings: ContactFitSettings
+) -> bool:
+    """Whether a step of the last pose and the object changes the estimate in the last frame.
 
     Parameters
     ----------
@@ -81,5 +79,5 @@ def tells_more(held: Solution, units: Array, gain: float, step: Array) -> bool:
     share = float(sums[1]) / max(mu * float(sums[0]), 1e-12)
     slopes[2] = share * (slopes[0] + slopes[1]) - across / (mu * units)
     known = np.sqrt(np.diag(slopes @ held.covariance @ slopes.T))
-    much = abs(slopes @ step) > np.maximum(_UNSURE * known, _LITTLE)
-    return bool(much.any()) or gain > _TOLD * held.misfit * len(held.keys)
+    much = abs(slopes @ step) > np.maximum(settings.unsure_share * known, settings.small_change)
+    return bool(much.any()) or gain > settings.telling_gain * held.misfit * len(held.keys)

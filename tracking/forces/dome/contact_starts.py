@@ -1,4 +1,4 @@
-"""Where the fit of a contact starts: from rest, and beside a solution that may be a wrong one.
+"""Starts of the fit of a contact: from rest, and next to a solution that may be wrong.
 
 A press tells little of an object: what is softer, bent more and pressed deeper shows almost the
 same markers. Such objects lie along a curved valley that a fit from one end does not walk through.
@@ -6,6 +6,8 @@ same markers. Such objects lie along a curved valley that a fit from one end doe
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,33 +18,19 @@ from .contact_solution import Solution
 from .contact_state import CURVES, FRICTION, MOVING, PLACE, PRESS, STIFFNESS, prior_of
 from .key_shifts import Key, Shifts
 from .keys import Backoff
+from .settings import StartSettings
 
 Array = NDArray[np.float64]
 #: An object, and key frames with poses, from which a fit starts.
 Start = tuple[Array, tuple[Key, ...]]
 
-#: Starts from rest: angles of the place from the apex [rad], and how many around it.
-_PLACES = ((0.0, 1), (0.25, 6), (0.55, 10))
-#: Press of a start from rest over the thickness.
-_PRESS = 0.1
-#: Curvatures times the radius of other objects at the same place.
-_CURVES = (0.0, 3.0)
-#: Rivals: factors of press and curvature, and of µ. They take turns.
-_RIVALS = ((1.6, 1.0), (1.0 / 1.6, 1.0), (1.0, 0.5))
-#: Deviations of ln k and ln µ beyond which a rival is not tried.
-_PLAUSIBLE = 5.0
-#: Power of the press that the stiffness goes with along the valley.
-_SOFTER = -1.8
-#: A rival is tried once in so many key frames that were added, at first and at last.
-_OFTEN, _SELDOM = 2, 32
 
-
-def start_from_rest(fit: ContactFit, shifts: Shifts) -> Start:
+def start_from_rest(fit: ContactFit, shifts: Shifts, settings: StartSettings) -> Start:
     """The place of a light press whose image is most like the shifts."""
-    mean, light = prior_of(fit.dome).mean, _light(fit.dome)
+    mean, light = prior_of(fit.dome).mean, _light(fit.dome, settings)
     best, most, press = mean, -math.inf, 0.0
     target = shifts.apply(shifts.values)
-    for angle, count in _PLACES:
+    for angle, count in settings.places:
         for turn in 2.0 * math.pi * np.arange(count) / count:
             tried = mean.copy()
             tried[PLACE] = angle * math.cos(turn), angle * math.sin(turn)
@@ -58,62 +46,72 @@ def start_from_rest(fit: ContactFit, shifts: Shifts) -> Start:
     return best, (Key(shifts=shifts, pose=pose),)
 
 
-def light_press(fit: ContactFit) -> tuple[float, Array]:
+def light_press(fit: ContactFit, settings: StartSettings) -> tuple[float, Array]:
     """ΣFn [N] of a light press at the apex, and the shifts of all pairs, (P, 6)."""
-    return fit.image(prior_of(fit.dome).mean, _light(fit.dome))
+    return fit.image(prior_of(fit.dome).mean, _light(fit.dome, settings))
 
 
-def other_objects(dome: Dome, object_: Array, keys: tuple[Key, ...]) -> Iterator[Start]:
+def other_objects(
+    dome: Dome, object_: Array, keys: tuple[Key, ...], settings: StartSettings
+) -> Iterator[Start]:
     """A flat and a round object at the same place."""
-    for curve in _CURVES:
+    for curve in settings.curves:
         other = prior_of(dome).mean.copy()
         other[PLACE] = object_[PLACE]
         other[CURVES] = np.array([curve, curve, 0.0]) / dome.radius
         yield other, keys
 
 
+@dataclass(frozen=True, kw_only=True)
 class Rivals:
-    """Starts beside the solutions of a grasp, in turns: softer, stiffer, and of less friction.
+    """Starts next to the solutions of a grasp, in turns: softer, stiffer, and with less friction.
 
-    They are tried the less often, the longer none was better.
-
-    Parameters
+    Attributes
     ----------
-    dome: body
+    settings: tuned numbers
+    backoff: interval from one rival to the next, which grows while none is better
+    turn: number of rivals so far
     """
 
-    def __init__(self, dome: Dome) -> None:
-        self.dome = dome
-        self._turn, self._often = 0, Backoff(_OFTEN, _SELDOM, len(_RIVALS))
+    settings: StartSettings
+    backoff: Backoff
+    turn: int = 0
 
-    def next(self, solution: Solution) -> Start | None:
-        """The next start, once in a while and if it may be the true one; None else."""
-        if not self._often.due():
-            return None
-        deeper, slippery = _RIVALS[self._turn % len(_RIVALS)]
-        self._turn += 1
-        softer, slips = _SOFTER * math.log(deeper), math.log(slippery)
+    @classmethod
+    def from_first(cls, settings: StartSettings) -> Self:
+        """State before the first rival."""
+        first, most = settings.rivals_first, settings.rivals_most
+        backoff = Backoff.from_first(first, most, len(settings.rivals))
+        return cls(settings=settings, backoff=backoff)
+
+    def next(self, dome: Dome, solution: Solution) -> tuple[Self, Start | None]:
+        """State after another key frame, and a start if one is due and plausible."""
+        settings, backoff = self.settings, self.backoff.next_chance()
+        if not backoff.due:
+            return replace(self, backoff=backoff), None
+        deeper, slippery = settings.rivals[self.turn % len(settings.rivals)]
+        after = replace(self, backoff=backoff, turn=self.turn + 1)
+        softer, slips = settings.softening * math.log(deeper), math.log(slippery)
         known = np.sqrt(np.diag(solution.covariance)[MOVING:])
-        if max(abs(softer) / known[STIFFNESS], abs(slips) / known[FRICTION]) > _PLAUSIBLE:
-            self.tried(better=False)
-            return None
+        if max(abs(softer) / known[STIFFNESS], abs(slips) / known[FRICTION]) > settings.plausible:
+            return after.tried(better=False), None
         other = solution.object_.copy()
         # Curvatures count from the dome's own.
-        round_ = np.array([1.0, 1.0, 0.0]) / self.dome.radius
+        round_ = np.array([1.0, 1.0, 0.0]) / dome.radius
         other[CURVES] = deeper * (other[CURVES] + round_) - round_
         other[STIFFNESS] += softer
         other[FRICTION] += slips
         press = np.ones(MOVING)
         press[PRESS] = deeper
         keys = (Key(shifts=key.shifts, pose=press * key.pose) for key in solution.keys)
-        return other, tuple(keys)
+        return after, (other, tuple(keys))
 
-    def tried(self, better: bool) -> None:
-        """Say whether the last start was better."""
-        self._often.tried(better)
+    def tried(self, better: bool) -> Self:
+        """State after the last start was better, or was not."""
+        return replace(self, backoff=self.backoff.tried(better))
 
 
-def _light(dome: Dome) -> Array:
+def _light(dome: Dome, settings: StartSettings) -> Array:
     pose = np.zeros(MOVING)
-    pose[PRESS] = _PRESS * dome.thickness
+    pose[PRESS] = settings.press * dome.thickness
     return pose

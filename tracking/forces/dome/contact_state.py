@@ -17,32 +17,27 @@ from scipy.spatial.transform import Rotation
 
 from ....model import Dome, Solid
 from ....model.shapes import quadric
+from .settings import ContactModelSettings
 
 Array = NDArray[np.float64]
 
 #: Number of unknowns, and of those that change from frame to frame.
-UNKNOWNS, MOVING = 12, 4
-PRESS, TWIST = 2, 3
+UNKNOWNS = 12
+MOVING = 4
+PRESS = 2
+TWIST = 3
 OBJECT = range(MOVING, UNKNOWNS)
 #: Places among the unknowns of the object.
-PLACE, CURVES = slice(0, 2), slice(2, 5)
-STIFFNESS, FRICTION, BRISTLE = 5, 6, 7
-#: Exponent of the Dahl law, which is not looked for.
-_DAHL = 0.7
-#: Deviation of a shift: at least so much of the thickness, and so much of the press.
-_LIGHT = (0.02, 0.6)
-#: Deviation of a curvature below 0, times the dome's radius: what is gripped is hardly ever hollow,
-#: and a soft plane shows almost the same markers as a hollow that is stiffer.
-HOLLOW = 0.1
-#: Deepest press, as a share of the thickness of the silicone.
-_DEEPEST = 0.75
-#: Bounds of curvature times the dome's radius; deeper hollows fit the dome nowhere.
-_FLATTEST, _SHARPEST = -0.9, 8.0
+PLACE = slice(0, 2)
+CURVES = slice(2, 5)
+STIFFNESS = 5
+FRICTION = 6
+BRISTLE = 7
 
 
 @dataclass(frozen=True, kw_only=True)
 class Prior:
-    """What is known of a contact before a picture is seen, as independent normal distributions.
+    """Prior of a contact before any picture, as independent normal distributions.
 
     Attributes
     ----------
@@ -66,14 +61,16 @@ def prior_of(dome: Dome) -> Prior:
     return Prior(mean=mean, deviation=deviation)
 
 
-def moves_of(dome: Dome, poses: Array) -> Array:
+def moves_of(
+    dome: Dome, poses: Array, model: ContactModelSettings = ContactModelSettings()
+) -> Array:
     """Deviation of the way to each pose (…, 4) from the one before, shape (…, 4).
 
-    A light contact is hardly shifted: its markers tell so little that it would be anywhere.
+    A light contact is hardly shifted: its markers do not determine its place.
     """
     thickness = dome.thickness
     out = np.empty(poses.shape)
-    light = np.maximum(_LIGHT[0] * thickness, _LIGHT[1] * poses[..., PRESS])
+    light = np.maximum(model.light_shift * thickness, model.shift_per_press * poses[..., PRESS])
     out[..., 0] = out[..., 1] = light
     out[..., PRESS] = 0.15 * thickness
     out[..., TWIST] = 0.05
@@ -93,10 +90,12 @@ def longest_of(dome: Dome) -> Array:
     return np.array([shift, shift, shift, 0.2, 0.15, 0.15, curve, curve, curve, 1.0, 0.7, 1.0])
 
 
-def limited_object(dome: Dome, object_: Array) -> Array:
+def limited_object(
+    dome: Dome, object_: Array, model: ContactModelSettings = ContactModelSettings()
+) -> Array:
     """Unknowns of an object within what a contact can have."""
     out = object_.copy()
-    low, high = _FLATTEST / dome.radius, _SHARPEST / dome.radius
+    low, high = model.flattest / dome.radius, model.sharpest / dome.radius
     along_x, along_y, mixed = out[CURVES]
     values, turns = np.linalg.eigh([[along_x, mixed], [mixed, along_y]])
     curves = (turns * np.clip(values, low, high)) @ turns.T
@@ -107,14 +106,16 @@ def limited_object(dome: Dome, object_: Array) -> Array:
     return out
 
 
-def limited_pose(dome: Dome, pose: Array) -> Array:
+def limited_pose(
+    dome: Dome, pose: Array, model: ContactModelSettings = ContactModelSettings()
+) -> Array:
     """Poses (…, 4) that press no deeper than the silicone is described."""
     out = pose.copy()
-    out[..., PRESS] = np.minimum(out[..., PRESS], _DEEPEST * dome.thickness)
+    out[..., PRESS] = np.minimum(out[..., PRESS], model.deepest * dome.thickness)
     return out
 
 
-def solid_of(object_: Array) -> Solid:
+def solid_of(object_: Array, model: ContactModelSettings) -> Solid:
     """The object."""
     along_x, along_y, mixed = (float(value) for value in object_[CURVES])
     stiffness, friction, bristle = (float(math.exp(value)) for value in object_[STIFFNESS:])
@@ -123,7 +124,7 @@ def solid_of(object_: Array) -> Solid:
         stiffness=stiffness,
         friction=friction,
         dahl_stiffness=bristle,
-        dahl_exponent=_DAHL,
+        dahl_exponent=model.dahl_exponent,
     )
 
 

@@ -15,15 +15,12 @@ from numpy.typing import NDArray
 from ....model import Dome, Solid
 from ....model.dome import PosedContact, PosedContacts, together
 from .contact_state import MOVING, OBJECT, PRESS, UNKNOWNS, poses_of, solid_of, units_of
+from .settings import ContactModelSettings
 
 Array = NDArray[np.float64]
 
-#: What of a contact the next step depends on.
+#: Arrays of a contact that the next step depends on.
 _HISTORY = ("displacement", "linear", "forces", "friction")
-#: Longest part of a step, in shares of the thickness of the silicone, and the most parts.
-_PART, _MOST = 0.08, 8
-#: Part of a unit over which an unknown is changed.
-_SMALL = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,10 +48,11 @@ class ContactWay:
     Parameters
     ----------
     dome: body
+    model: tuned numbers
     """
 
-    def __init__(self, dome: Dome) -> None:
-        self.dome = dome
+    def __init__(self, dome: Dome, model: ContactModelSettings = ContactModelSettings()) -> None:
+        self.dome, self._model = dome, model
         self._contacts = PosedContacts(dome)
         self._units = units_of(dome)
         self._object = np.full(len(OBJECT), np.nan)
@@ -120,6 +118,7 @@ class ContactWay:
         ConvergenceError
             As `step`.
         """
+        small = self._model.derivative_step
         solids = self._solids_of(object_)
         contact = self._look(contact, solids[0], object_, after)
         count = 1 + len(unknowns)
@@ -127,16 +126,16 @@ class ContactWay:
         moves = np.zeros((count, MOVING))
         for row, k in enumerate(unknowns, start=1):
             if k in OBJECT:
-                objects[row, k - MOVING] += _SMALL * self._units[k]
+                objects[row, k - MOVING] += small * self._units[k]
             else:
-                moves[row, k] = _SMALL * self._units[k]
+                moves[row, k] = small * self._units[k]
         own = [solids[0], *(solids[1 + k - MOVING] if k in OBJECT else solids[0] for k in unknowns)]
         start = together([contact] * count)
         if history is not None:
             unchanged, changed = map(self._contacts.onto, (history.contact, history.changed))
             for name in _HISTORY:
                 change = getattr(changed, name) - getattr(unchanged, name)
-                getattr(start, name)[1 + MOVING :] += _SMALL * change[MOVING:]
+                getattr(start, name)[1 + MOVING :] += small * change[MOVING:]
         places = np.repeat(before[None], count, axis=0)
         every = contact
         for there in self._parts(before, after):
@@ -150,7 +149,7 @@ class ContactWay:
             if known is None:
                 known = self._contacts.step(contact, solids[0], rotation[0], place[0], near)
             contact = known
-            every = self._contacts.changed(start, contact, own, rotation, place, 1.0 / _SMALL)
+            every = self._contacts.changed(start, contact, own, rotation, place, 1.0 / small)
             start = self._beside(contact, every)
         return contact, Changes(contact=contact, changed=every)
 
@@ -159,7 +158,7 @@ class ContactWay:
         whole = together([contact] * (1 + len(every.place)))
         for name in _HISTORY:
             values = getattr(whole, name)
-            values[1:] += _SMALL * (getattr(every, name) - values[1:])
+            values[1:] += self._model.derivative_step * (getattr(every, name) - values[1:])
         return whole
 
     def _look(
@@ -171,18 +170,20 @@ class ContactWay:
     def _solids_of(self, object_: Array) -> list[Solid]:
         """The object, and the same with each of its unknowns changed a little."""
         if not np.array_equal(object_, self._object):
-            changed = object_ + np.diag(_SMALL * self._units[MOVING:])
-            self._solids = [solid_of(each) for each in (object_, *changed)]
+            changed = object_ + np.diag(self._model.derivative_step * self._units[MOVING:])
+            self._solids = [solid_of(each, self._model) for each in (object_, *changed)]
             self._object = object_.copy()
         return self._solids
 
     def _parts(self, before: Array, after: Array) -> Iterator[Array]:
         """Poses on the way from one to another, and that one."""
+        model = self._model
         move = after[: PRESS + 1] - before[: PRESS + 1]
         # The length along the skin, not its larger component: friction knows how many parts there
         # are, and must not know which way x points.
         way = max(math.hypot(*move[:PRESS]), abs(float(move[PRESS])))
-        parts = int(np.clip(np.ceil(way / (_PART * self.dome.thickness)), 1, _MOST))
+        count = np.ceil(way / (model.longest_part * self.dome.thickness))
+        parts = int(np.clip(count, 1, model.most_parts))
         for part in range(1, parts):
             yield before + part / parts * (after - before)
         yield after

@@ -6,14 +6,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from .settings import ShiftSettings
 
-#: Root mean square of a pair's residuals in deviations at which it counts half in a fit, …
-_ODD = 1.5
-#: … and from which on it counts less in a misfit.
-_OFF = 2.0
-#: Mean square of a pair's shifts in deviations above which it has moved, and how many are not few.
-_MOVED, _SEVERAL = 25.0, 12
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,12 +19,14 @@ class Shifts:
     ----------
     values: (x, y, log size) of both layers, shape (V, 6)
     whiten: of each pair, to W independent values, shape (V, W, 6)
-    used: which of all pairs they are, shape (P,)
+    used: mask of these pairs among all, shape (P,)
+    settings: tuned numbers
     """
 
     values: Array
     whiten: Array
     used: NDArray[np.bool_]
+    settings: ShiftSettings = ShiftSettings()
 
     def apply(self, shifts: Array) -> Array:
         """Whitened shifts (…, V, 6) as one vector, shape (…, V·W)."""
@@ -39,33 +36,33 @@ class Shifts:
         return whole.swapaxes(0, 1).reshape(*shifts.shape[:-2], -1)
 
     def residual(self, predicted: Array) -> Array:
-        """What is left of the shifts (…, P, 6) in deviations, shape (…, V·W)."""
+        """Residual of the shifts (…, P, 6) in deviations, shape (…, V·W)."""
         return self.apply(self.values - predicted[..., self.used, :])
 
     def weights(self, residual: Array) -> Array:
-        """Weight of every value: the less, the worse its pair is explained (Cauchy's)."""
-        return 1.0 / (1.0 + self._each(residual) / _ODD**2)
+        """Weight of every value; pairs with large residuals weigh less (Cauchy's)."""
+        return 1.0 / (1.0 + self._each(residual) / self.settings.odd**2)
 
     def loss(self, predicted: Array) -> float:
-        """What a fit makes least: of pairs that nothing explains it hardly grows (Cauchy's)."""
+        """Loss that a fit minimises; outliers hardly add to it (Cauchy's)."""
+        settings = self.settings
         each = self._each(self.residual(predicted))
-        return float(_ODD**2 * np.log1p(each / _ODD**2).sum())
+        return float(settings.odd**2 * np.log1p(each / settings.odd**2).sum())
 
     def cost(self, predicted: Array) -> float:
-        """Sum of squares of the residual, of which odd pairs' parts grow linearly (Huber's)."""
+        """Sum of squares of the residual; parts of outliers grow linearly (Huber's)."""
+        settings = self.settings
         size = np.sqrt(self._each(self.residual(predicted)))
-        share = np.minimum(1.0, _OFF / np.maximum(size, _OFF))
+        share = np.minimum(1.0, settings.off / np.maximum(size, settings.off))
         return float((share * (2.0 - share) * size**2).sum())
 
     def typical(self, predicted: Array) -> float:
-        """Median of what is left of the pairs that have moved, in squared deviations.
-
-        It is 0 where these are few.
-        """
+        """Median squared residual of the pairs that have moved [deviations²]; 0 if they are few."""
+        settings = self.settings
         pairs = len(self.whiten)
-        moved = (self.apply(self.values).reshape(pairs, -1) ** 2).mean(axis=1) > _MOVED
+        moved = (self.apply(self.values).reshape(pairs, -1) ** 2).mean(axis=1) > settings.moved
         left = (self.residual(predicted).reshape(pairs, -1) ** 2).mean(axis=1)
-        return float(np.median(left[moved])) if moved.sum() >= _SEVERAL else 0.0
+        return float(np.median(left[moved])) if moved.sum() >= settings.several else 0.0
 
     def _each(self, residual: Array) -> Array:
         """Mean square of its pair's residual for every value, shape (V·W,)."""
@@ -74,7 +71,7 @@ class Shifts:
 
     @property
     def count(self) -> int:
-        """How many independent values there are."""
+        """Number of independent values."""
         return max(self.whiten.shape[0] * self.whiten.shape[1], 1)
 
 

@@ -1,66 +1,83 @@
-"""Key frames: those of a contact's history that are kept, so that the object is fitted to all."""
+"""Key frames: the part of a contact's history that the object is fitted to."""
+
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....model import Dome
 from .key_shifts import Key
+from .settings import KeySettings
 
 Array = NDArray[np.float64]
 
-#: Most key frames.
-KEYS = 8
-#: Way from one key pose to the next: shift and press in thicknesses of the silicone, twist [rad].
-_APART = (0.01, 0.01, 0.015, 0.03)
 
-
-def far_on(dome: Dome, keys: tuple[Key, ...], pose: Array) -> bool:
+def far_on(dome: Dome, keys: tuple[Key, ...], pose: Array, settings: KeySettings) -> bool:
     """Whether a pose is so far from that of the last key frame that it makes another one."""
-    return _way(dome, keys[-1].pose, pose) > 1.0
+    return _way(dome, keys[-1].pose, pose, settings) > 1.0
 
 
-def thinned(dome: Dome, keys: tuple[Key, ...]) -> tuple[Key, ...]:
+def thinned(dome: Dome, keys: tuple[Key, ...], settings: KeySettings) -> tuple[Key, ...]:
     """The key frames, without the one that changes the way least where they are too many."""
-    if len(keys) <= KEYS:
+    if len(keys) <= settings.most:
         return keys
     detours = [
-        _way(dome, a.pose, b.pose) + _way(dome, b.pose, c.pose) - _way(dome, a.pose, c.pose)
+        _way(dome, a.pose, b.pose, settings)
+        + _way(dome, b.pose, c.pose, settings)
+        - _way(dome, a.pose, c.pose, settings)
         for a, b, c in zip(keys[:-2], keys[1:-1], keys[2:], strict=True)
     ]
     out = 1 + int(np.argmin(detours))
     return keys[:out] + keys[out + 1 :]
 
 
-def _way(dome: Dome, first: Array, second: Array) -> float:
+def _way(dome: Dome, first: Array, second: Array, settings: KeySettings) -> float:
     """Length of the way between two poses, in units of that from one key to the next."""
-    unit = np.array([*(share * dome.thickness for share in _APART[:3]), _APART[3]])
+    shift, press = settings.shift * dome.thickness, settings.press * dome.thickness
+    unit = np.array([shift, shift, press, settings.twist_rad])
     return float(np.linalg.norm((second - first) / unit))
 
 
+@dataclass(frozen=True, kw_only=True)
 class Backoff:
     """Retries an operation that often fails: the interval doubles after repeated failures.
 
-    Parameters
+    Attributes
     ----------
     first, most: chances from one try to the next, at first and at most
     patience: failures in a row after which the interval doubles
+    interval: chances from the last try to the next
+    waited: chances since the last try
+    failures: failures in a row
     """
 
-    def __init__(self, first: int, most: int, patience: int) -> None:
-        self._first, self._most, self._patience = first, most, patience
-        self._wait = self._left = first
-        self._vain = 0
+    first: int
+    most: int
+    patience: int
+    interval: int
+    waited: int = 0
+    failures: int = 0
 
+    @classmethod
+    def from_first(cls, first: int, most: int, patience: int) -> Self:
+        """State before the first try."""
+        return cls(first=first, most=most, patience=patience, interval=first)
+
+    @property
     def due(self) -> bool:
         """Whether to try now."""
-        self._left -= 1
-        return self._left <= 0
+        return self.waited >= self.interval
 
-    def tried(self, better: bool) -> None:
-        """Report whether a try succeeded."""
-        self._vain = 0 if better else self._vain + 1
+    def next_chance(self) -> Self:
+        """State at the next chance."""
+        return replace(self, waited=self.waited + 1)
+
+    def tried(self, better: bool) -> Self:
+        """State after a try that succeeded or failed."""
+        failures, interval = 0 if better else self.failures + 1, self.interval
         if better:
-            self._wait = self._first
-        elif self._vain % self._patience == 0:
-            self._wait = min(2 * self._wait, self._most)
-        self._left = self._wait
+            interval = self.first
+        elif failures % self.patience == 0:
+            interval = min(2 * interval, self.most)
+        return replace(self, interval=interval, waited=0, failures=failures)

@@ -1,4 +1,4 @@
-"""What the markers of a dome show of forces on its nodes, and the derivative of it."""
+"""Shifts of the markers of a dome by forces on its nodes, and their derivative."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +9,6 @@ from ....render import DomeMap, Membrane, SensorDesign, areas, centroids, outlin
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-#: Motion and slope over which the image of a marker is differentiated [m, –].
-_MOTION, _SLOPE = 1e-6, 1e-3
 
 
 class DomeResponse:
@@ -59,11 +56,11 @@ class DomeResponse:
         -------
         Shape (C, P, 6).
         """
-        held = np.flatnonzero(linear.any(axis=(0, 2)))
-        if not len(held):
+        loaded = np.flatnonzero(linear.any(axis=(0, 2)))
+        if not len(loaded):
             return np.zeros((len(linear), *self._rest.shape))
-        columns = self.of_nodes(nodes[held]).reshape(3 * len(held), -1)
-        changes = linear[:, held].reshape(len(linear), -1).astype(np.float32)
+        columns = self.of_nodes(nodes[loaded]).reshape(3 * len(loaded), -1)
+        changes = linear[:, loaded].reshape(len(linear), -1).astype(np.float32)
         return (changes @ columns).astype(np.float64).reshape(len(linear), *self._rest.shape)
 
     def of_nodes(self, nodes: Index) -> NDArray[np.float32]:
@@ -82,7 +79,7 @@ class DomeResponse:
         out = np.empty((2, count, 3, 9))
         for k in range(9):
             moved, slope = np.zeros((2, count, 3)), np.zeros((2, count, 3, 2))
-            step = _MOTION if k < 3 else _SLOPE
+            step = 1e-6 if k < 3 else 1e-3
             (moved if k < 3 else slope).reshape(2, count, -1)[..., k if k < 3 else k - 3] = step
             change = (self._measured(self._map.of_field(moved, slope)) - self._rest) / step
             out[..., k] = change.reshape(count, 2, 3).swapaxes(0, 1)

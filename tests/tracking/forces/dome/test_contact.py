@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from chromagrip.errors import UserError
 from chromagrip.model import (
     DomeState,
+    FrictionReading,
     Motion,
     Solid,
     dome_forces,
@@ -20,8 +22,16 @@ from chromagrip.model import (
 from chromagrip.model.dome import Stepper, resting
 from chromagrip.model.shapes import Shape, ball, cylinder, plane
 from chromagrip.render import load_sensor
-from chromagrip.tracking import NoEstimateError, Tracks, load_reconstructor, sensor_as_designed
+from chromagrip.tracking import (
+    ContactSettings,
+    NoEstimateError,
+    Tracks,
+    load_reconstructor,
+    sensor_as_designed,
+)
 from chromagrip.tracking.forces.dome.contact import ContactReading
+from chromagrip.tracking.forces.dome.contact_solution import Solution
+from chromagrip.tracking.forces.dome.keys import Backoff
 
 from .drawn import Drawn
 
@@ -194,6 +204,67 @@ def test_the_same_frames_give_the_same_field_and_reset_forgets() -> None:
     other.reset()
     first, again = one.update(tracks), other.update(tracks)
     assert np.array_equal(first.normal, again.normal)
+
+
+def test_mu_is_observable_by_the_deviation_of_its_logarithm() -> None:
+    """Not by that of µ, which is smaller: µ is 0.6."""
+    reading = read(grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2))
+    memory = reading._memory
+    logarithm = math.sqrt(memory.covariance[2, 2])
+
+    def friction(observed: float) -> FrictionReading:
+        reading._settings = ContactSettings(observed=observed)
+        field = reading._field(memory.last, memory.now.contact, memory.covariance)
+        assert field.friction_reading is not None
+        return field.friction_reading
+
+    assert friction(1.01 * logarithm).observable
+    assert not friction(0.99 * logarithm).observable
+    found = friction(0.3)
+    assert found.deviation == pytest.approx(found.value * logarithm)
+    assert found.value < 0.8
+
+
+def test_the_object_is_refitted_as_often_as_the_settings_say() -> None:
+    """With 1 at every key frame that could change the estimate, else less often after failures."""
+    states = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)
+
+    def counts(settings: ContactSettings) -> tuple[int, int]:
+        drawn = Drawn(DESIGN, DOME)
+        rest = drawn(np.zeros_like(states[0].linear))
+        reading = ContactReading(sensor_as_designed(SENSOR), rest, settings)
+        fit, telling, refits = reading._fit, [], []
+        hold = fit.hold
+
+        def held(*arguments: Any) -> Any:
+            solution, tells = hold(*arguments)
+            telling.append(tells or solution.misfit > reading._memory.doubtful)
+            return solution, tells
+
+        def not_better(solution: Solution, doubtful: bool) -> Solution:
+            refits.append(True)
+            return solution
+
+        fit.hold, fit.along_chord = held, not_better  # type: ignore[method-assign]
+        for state in states:
+            reading.update(drawn(state.linear))
+        return sum(telling), len(refits)
+
+    telling, refits = counts(ContactSettings(refit_every=1))
+    assert refits == telling > 6
+    telling, refits = counts(ContactSettings(refit_every=16, refit_patience=1))
+    assert 1 < refits < telling / 2
+
+
+def test_the_interval_of_what_fails_doubles_up_to_a_limit() -> None:
+    backoff, waited, intervals = Backoff.from_first(1, 4, 2), 0, []
+    for _ in range(20):
+        backoff, waited = backoff.next_chance(), waited + 1
+        if backoff.due:
+            intervals.append(waited)
+            backoff, waited = backoff.tried(better=False), 0
+    assert intervals == [1, 1, 2, 2, 4, 4, 4]
+    assert backoff.tried(better=True).next_chance().due
 
 
 def test_a_sensor_without_silicone_is_refused() -> None:

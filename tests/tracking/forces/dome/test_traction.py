@@ -32,6 +32,11 @@ from chromagrip.tracking.forces import (
 )
 from chromagrip.tracking.forces.dome.traction.friction import read_slip
 from chromagrip.tracking.forces.dome.traction.reading import TractionReading
+from chromagrip.tracking.forces.dome.traction.settings import (
+    SlipSettings,
+    TractionFitSettings,
+    TractionSettings,
+)
 
 from .drawn import Drawn
 
@@ -148,7 +153,7 @@ def test_friction_of_balls_in_partial_slip() -> None:
         friction = 0.5 * (pressure - inner)[:, None] * np.array([0.6, 0.8, 0.0])
         load = float(np.linalg.norm(friction.sum(axis=0)))
         assert 1.0 - load / (0.5 * pressure.sum()) == pytest.approx(margin, abs=0.03)
-        slip = read_slip(DOME, nodes, pressure, friction, load, rim=0.1)
+        slip = read_slip(DOME, nodes, pressure, friction, load, rim=0.1, settings=SlipSettings())
         assert slip.friction == pytest.approx(0.5, rel=0.12)
         assert slip.deviation < 0.1
 
@@ -211,6 +216,27 @@ def test_the_object_presses_and_friction_is_across_its_normals() -> None:
     along = (field.friction * field.directions).sum(axis=1)
     assert abs(along).max() < 1e-9
     assert np.linalg.norm(field.directions[field.contact], axis=1) == pytest.approx(1.0)
+
+
+def test_errors_and_the_zone_are_settings() -> None:
+    state = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)
+
+    def with_settings(settings: TractionSettings) -> ForceField:
+        drawn = Drawn(DESIGN, DOME)
+        reading = TractionReading(sensor_as_designed(SENSOR), drawn(NOTHING), settings)
+        return reading.update(drawn(state.linear))
+
+    usual = with_settings(TractionSettings())
+    unsure = with_settings(TractionSettings(margin_error=0.3, normal_error=0.1))
+    assert usual.friction_reading is not None
+    assert unsure.friction_reading is not None
+    assert usual.friction_reading.margin_deviation < 0.15 < 0.3
+    assert unsure.friction_reading.margin_deviation > 0.3
+    assert unsure.totals_covariance[0, 0] > (0.1 * unsure.total_normal) ** 2
+    assert usual.totals_covariance[0, 0] < 0.2 * unsure.totals_covariance[0, 0]
+    assert np.array_equal(usual.normal, unsure.normal)
+    narrow = TractionFitSettings(weak_pressure=0.5, largest_ratio=0.3)
+    assert with_settings(TractionSettings(fit=narrow)).contact.sum() < usual.contact.sum()
 
 
 def test_nothing_touches_at_rest() -> None:

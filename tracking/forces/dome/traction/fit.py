@@ -17,49 +17,11 @@ from .....model import Dome
 from .....model.dome import lattice
 from ..marker_response import DomeResponse
 from .map import WhitenedMap
+from .settings import TractionFitSettings
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Table = NDArray[np.float32]
-
-#: Prior of tractions: deviation over Young's modulus, correlation length over the radius, and share
-#: of the variance that is rough.
-_AMPLITUDE, _LENGTH, _ROUGH = 0.25, 0.1, 1e-4
-#: Deviation of a common change of all log sizes of a layer.
-_FOCUS = 3e-3
-#: Nodes that carry less pressure than this share of the largest are not touched, …
-_LEAST = 0.0
-#: … nor are those that carry less than another share, and more friction than any surface has.
-_WEAK, _LARGEST_RATIO = 0.1, 2.0
-#: Pairs that are looked at together, and by how much their median energy is above a pair's median
-#: energy where something touches, and where that is beyond doubt.
-_AROUND, _TOUCHED, _CLEARLY = 7, 4.0, 100.0
-#: A node beside the zone joins it if it would carry more than this share of the largest pressure.
-_JOINING = 0.02
-#: Most rounds of Gauss–Newton from rest and from the frame before, and changes of the zone in each.
-_ROUNDS, _FEW_ROUNDS, _CHANGES, _FEW_CHANGES = 12, 3, 6, 3
-#: Root of the sum of squares of the change of all whitened shifts at which forces have settled. The
-#: derivative at rest is off by a tenth of it.
-_SETTLED = 25.0
-#: Rounds end where they leave more than this share of what the one before has left, and that is
-#: much: nothing will explain it.
-_STUCK, _LARGE = 0.8, 8.0
-#: Zones whose prior is kept.
-_KEPT = 8
-#: Root mean square of a pair's residuals from which on it counts less, in deviations and over that
-#: of the pairs around it.
-_ODD = 2.5
-#: Pairs whose noise is this much larger than at first count less.
-_NOISIER = 1.4
-#: Share of the largest energy of a pair's shift above which nodes under it may be touched, and how
-#: far they may be from it [pitches of the nodes].
-_MOVED, _UNDER = 0.1, 3.0
-#: Bounds of the variance of noise, and of what the model leaves, over what the tracker says.
-_LEVELS = (1.0, 30.0)
-#: Median energy of pairs beside each other that says that something touches there, too.
-_ELSEWHERE = 100.0
-#: Most pairs whose nodes are looked at from rest, and fewest and most nodes of a contact.
-_PAIRS, _FEWEST, _WIDEST = 60, 4, 450
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +39,7 @@ class Frame:
 
     @property
     def count(self) -> int:
-        """How many independent values there are."""
+        """Number of independent values."""
         return max(6 * int((self.weights > 0.0).sum()), 1)
 
 
@@ -92,9 +54,9 @@ class Tractions:
     common: changes of all log sizes of each layer, shape (2,)
     factor: lower Cholesky factor of the information on `common` and `linear`, (2 + 3n, 2 + 3n)
     weights: of each pair in the information, shape (P,)
-    misfit: mean square of what is left of the shifts, in deviations
-    level: variance of the noise that was taken, over the tracker's
-    worst: largest median energy of what is left of the shifts of pairs beside each other
+    misfit: mean squared residual of the shifts, in deviations
+    level: assumed variance of the noise over the tracker's
+    worst: largest median energy of the residuals of neighbouring pairs
     """
 
     nodes: Index
@@ -121,10 +83,11 @@ class TractionFit:
     ----------
     dome: body
     response: of its markers
-    beside: nodes beside each node, see `skin.neighbours`
+    beside: nodes next to each node, see `skin.neighbours`
     places: of the pairs at rest on the skin [m], shape (P, 3)
     noise: covariance of the pairs' shifts, shape (P, 6, 6)
     prepared: nodes whose products are made at once, shape (n,)
+    settings: tuned numbers
     """
 
     def __init__(
@@ -135,15 +98,19 @@ class TractionFit:
         places: Array,
         noise: Array,
         prepared: Index,
+        settings: TractionFitSettings,
     ) -> None:
+        self._settings = settings
         nodes = lattice(dome)
         self._points, self._areas, self._outwards = nodes.points, nodes.areas, nodes.outwards
         self._beside = beside
-        self._amplitude, self._length = _AMPLITUDE * dome.young, _LENGTH * dome.radius
+        self._amplitude = settings.amplitude * dome.young
+        self._length = settings.length * dome.radius
         self._response = response
-        under = scipy.spatial.KDTree(self._points).query_ball_point(places, _UNDER * dome.spacing)
+        reach = settings.under * dome.spacing
+        under = scipy.spatial.KDTree(self._points).query_ball_point(places, reach)
         self._below = [np.asarray(each, np.int64) for each in under]
-        around = scipy.spatial.KDTree(places).query(places, k=min(_AROUND, len(places)))[1]
+        around = scipy.spatial.KDTree(places).query(places, k=min(settings.around, len(places)))[1]
         self._around = np.asarray(around, np.int64)
         self._noise = np.einsum("pii->pi", noise)
         self._whiten = np.linalg.inv(np.linalg.cholesky(noise))
@@ -153,7 +120,7 @@ class TractionFit:
     def frame(self, values: Array, seen: NDArray[np.bool_], noise: Array) -> Frame:
         """Shifts of a frame (P, 6), of which pairs `seen` (P,) count, with their noise."""
         larger = (np.einsum("pii->pi", noise) / self._noise).mean(axis=1)
-        weights = np.where(larger > _NOISIER, 1.0 / np.maximum(larger, 1.0), 1.0)
+        weights = np.where(larger > self._settings.noisier, 1.0 / np.maximum(larger, 1.0), 1.0)
         return Frame(
             values=np.where(seen[:, None], values, 0.0), weights=np.where(seen, weights, 0.0)
         )
@@ -164,14 +131,15 @@ class TractionFit:
         rows = np.arange(WhitenedMap.COMMON)
         columns = self._map.columns(rows).astype(np.float64)
         weights = np.repeat(frame.weights * self._odd(residual), 6)
-        information = (columns * weights) @ columns.T + np.eye(len(rows)) / _FOCUS**2
+        information = (columns * weights) @ columns.T + np.eye(len(rows)) / self._settings.focus**2
         moment = columns @ (weights * residual)
         return float(weights @ residual**2 - moment @ np.linalg.solve(information, moment))
 
     def touched(self, frame: Frame, clearly: bool = False) -> bool:
         """Whether some pairs beside each other have moved more than noise moves pairs."""
+        settings = self._settings
         most = float(self._energy(frame).max())
-        return most > (_CLEARLY if clearly else _TOUCHED)
+        return most > (settings.clearly if clearly else settings.touched)
 
     def _energy(self, frame: Frame) -> Array:
         """Median energy of the shifts of pairs beside each other, over what noise has, (P,)."""
@@ -190,22 +158,23 @@ class TractionFit:
         ----------
         start: forces of the frame before; None seeks them from rest
         """
+        settings = self._settings
         if start is None:
             nodes = self._under(frame)
             linear, common = np.zeros((len(nodes), 3)), np.zeros(WhitenedMap.COMMON)
         else:
             nodes, linear, common = start.nodes, start.linear, start.common
         misfit = math.inf
-        for turn in range(_FEW_ROUNDS if start is not None else _ROUNDS):
-            changes = _CHANGES if start is None else 1 if turn else _FEW_CHANGES
+        for turn in range(settings.few_rounds if start is not None else settings.rounds):
+            changes = settings.changes if start is None else 1 if turn else settings.few_changes
             found, moved = self._round(frame, nodes, linear, common, changes)
-            if found is None or moved < _SETTLED:
+            if found is None or moved < settings.settled:
                 break
-            if turn and found.misfit > max(_STUCK * misfit, _LARGE):
+            if turn and found.misfit > max(settings.stuck * misfit, settings.large):
                 break
             misfit = found.misfit
             nodes, linear, common = found.nodes, found.linear, found.common
-        if start is not None and found is not None and found.worst > _ELSEWHERE:
+        if start is not None and found is not None and found.worst > settings.elsewhere:
             return self.fit(frame, None)
         return found
 
@@ -230,11 +199,12 @@ class TractionFit:
         -------
         The forces, and the root of the sum of squares of what they change the whitened shifts by.
         """
+        settings = self._settings
         residual = self._residual(frame, nodes, linear, common)
         weights = frame.weights * self._odd(residual)
         weighted = np.repeat(weights, 6) * residual
         misfit = float(weighted @ residual) / frame.count
-        level = float(np.clip(misfit, *_LEVELS))
+        level = float(np.clip(misfit, settings.lowest_level, settings.highest_level))
         energy = frame.weights * (residual.reshape(-1, 6) ** 2).sum(axis=1)
         # Everything is first summed up for the zone and what is beside it.
         wide = self._with_beside(nodes) if changes > 1 else nodes
@@ -246,7 +216,7 @@ class TractionFit:
         moment = moment.astype(np.float64)
         zone, joined = np.searchsorted(wide, nodes), changes == 1
         for left in reversed(range(changes)):
-            if len(zone) < _FEWEST:
+            if len(zone) < settings.fewest_nodes:
                 return None, 0.0
             some = _unknowns(zone)
             information = products[some[:, None], some].astype(np.float64)
@@ -273,16 +243,18 @@ class TractionFit:
         return found, math.sqrt(max(float(change @ products @ change), 0.0))
 
     def _pressed(self, nodes: Index, forces: Array) -> NDArray[np.bool_]:
+        settings = self._settings
         pressure = self._pressure(nodes, forces)
         largest = pressure.max()
         along = np.linalg.norm(forces, axis=1) / self._areas[nodes]
-        pulled = pressure < _LEAST * largest
-        slippery = (pressure < _WEAK * largest) & (along > _LARGEST_RATIO * pressure)
-        return np.asarray(~(pulled | slippery))
+        pulled = pressure < settings.least_pressure * largest
+        weak = pressure < settings.weak_pressure * largest
+        slippery = along > settings.largest_ratio * pressure
+        return np.asarray(~(pulled | (weak & slippery)))
 
     def _with_beside(self, nodes: Index) -> Index:
         """Nodes and those beside them."""
-        if len(nodes) > _WIDEST:
+        if len(nodes) > self._settings.most_nodes:
             return nodes
         reached = np.zeros(len(self._points) + 1, np.bool_)
         reached[self._beside[nodes]] = True
@@ -314,7 +286,7 @@ class TractionFit:
             information[k::3, k::3] += prior[np.ix_(others, others)]
         _, step = _solved(information, slope.ravel())
         pressure = self._pressure(wide[others], step.reshape(-1, 3))
-        join = pressure > _JOINING * self._pressure(wide[zone], forces).max()
+        join = pressure > self._settings.joining * self._pressure(wide[zone], forces).max()
         return np.sort(np.concatenate([zone, others[join]]))
 
     def _pressure(self, nodes: Index, forces: Array) -> Array:
@@ -327,10 +299,11 @@ class TractionFit:
         prior, count = level * self._inverse(nodes), WhitenedMap.COMMON
         for k in range(3):
             information[count + k :: 3, count + k :: 3] += prior
-        information[np.arange(count), np.arange(count)] += level / _FOCUS**2
+        information[np.arange(count), np.arange(count)] += level / self._settings.focus**2
 
     def _inverse(self, nodes: Index) -> Array:
         """Information of the prior on one component of the forces on nodes [1/N²], (n, n)."""
+        settings = self._settings
         key = nodes.tobytes()
         found = self._priors.pop(key, None)
         if found is None:
@@ -338,17 +311,17 @@ class TractionFit:
             alike = np.exp(
                 -0.5 * scipy.spatial.distance.cdist(points, points, "sqeuclidean") / self._length**2
             )
-            alike[np.diag_indices(len(nodes))] += _ROUGH
+            alike[np.diag_indices(len(nodes))] += settings.rough
             upper, _ = scipy.linalg.lapack.dpotri(scipy.linalg.lapack.dpotrf(alike)[0])
             found = np.triu(upper) + np.triu(upper, 1).T
             found /= self._amplitude**2 * np.outer(areas, areas)
-            if len(self._priors) >= _KEPT:
+            if len(self._priors) >= settings.kept_priors:
                 del self._priors[next(iter(self._priors))]
         self._priors[key] = found
         return found
 
     def _residual(self, frame: Frame, nodes: Index, linear: Array, common: Array) -> Array:
-        """What forces leave of the shifts, in deviations, shape (6·P,)."""
+        """Residual of the shifts in deviations, shape (6·P,)."""
         left = frame.values - self._response(nodes, linear)
         left[:, [2, 5]] -= common
         return self._whitened(left)
@@ -363,14 +336,15 @@ class TractionFit:
         """
         size = np.sqrt((residual.reshape(-1, 6) ** 2).mean(axis=1))
         around = _medians(size[self._around[:, 1:]])
-        odd = _ODD * np.maximum(around, 1.0)
+        odd = self._settings.odd * np.maximum(around, 1.0)
         return np.minimum(1.0, (odd / np.maximum(size, odd)) ** 2)
 
     def _under(self, frame: Frame) -> Index:
         """Nodes under the pairs that have moved most."""
+        settings = self._settings
         energy = self._energy(frame)
-        moved = np.flatnonzero(energy > max(_MOVED * float(energy.max()), _TOUCHED))
-        moved = moved[np.argsort(-energy[moved], kind="stable")[:_PAIRS]]
+        moved = np.flatnonzero(energy > max(settings.moved * float(energy.max()), settings.touched))
+        moved = moved[np.argsort(-energy[moved], kind="stable")[: settings.most_pairs]]
         return np.unique(np.concatenate([self._below[pair] for pair in moved]))
 
 

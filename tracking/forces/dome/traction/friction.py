@@ -13,24 +13,15 @@ from numpy.typing import NDArray
 
 from .....model import Dome
 from .....model.dome import lattice
+from .settings import SlipSettings
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-#: Ratios are those of forces that are smoothed over this share of the radius.
-_SMOOTH = 0.035
-#: Rounds of finding µ and the part that slips from each other, and fewest nodes of that part.
-_ROUNDS, _FEWEST = 20, 3
-#: Deviation of µ as a share: at least; factor and power of Γ, for how little slips; and factor of
-#: the cubed share of the rim, for contacts too narrow to be resolved.
-_LEAST, _STICKING, _NARROW = 0.04, (0.3, 1.1), 6.0
-#: Bounds of µ.
-_SMALLEST, _LARGEST = 0.02, 3.0
-
 
 @dataclass(frozen=True, kw_only=True)
 class Slip:
-    """What the ratios say.
+    """Estimate of µ from the ratios.
 
     Attributes
     ----------
@@ -43,7 +34,13 @@ class Slip:
 
 
 def read_slip(
-    dome: Dome, nodes: Index, normal: Array, friction: Array, load: float, rim: float
+    dome: Dome,
+    nodes: Index,
+    normal: Array,
+    friction: Array,
+    load: float,
+    rim: float,
+    settings: SlipSettings,
 ) -> Slip:
     """µ of a contact.
 
@@ -54,7 +51,7 @@ def read_slip(
     load: size of the friction that counts in Γ [N]
     rim: share of the normal force at the rim of the contact
     """
-    points = lattice(dome).points[nodes] / (_SMOOTH * dome.radius)
+    points = lattice(dome).points[nodes] / (settings.smooth * dome.radius)
     squares = (points**2).sum(axis=1)
     near = np.exp(np.minimum(points @ points.T - 0.5 * (squares[:, None] + squares), 0.0))
     ratios = np.linalg.norm(near @ friction, axis=1) / np.maximum(near @ normal, 1e-12)
@@ -63,17 +60,15 @@ def read_slip(
     below = (np.cumsum(weights) - 0.5 * weights) / weights.sum()
     used = load / max(float(normal.sum()), 1e-12)
     mu = float(np.interp(0.75, below, ratios))
-    for _ in range(_ROUNDS):
-        first = np.searchsorted(below, 1.0 - _slipping(1.0 - used / max(mu, _SMALLEST)))
-        part = slice(min(int(first), max(len(ratios) - _FEWEST, 0)), None)
+    for _ in range(settings.rounds):
+        first = np.searchsorted(below, 1.0 - _slipping(1.0 - used / max(mu, settings.smallest)))
+        part = slice(min(int(first), max(len(ratios) - settings.fewest_nodes, 0)), None)
         mu = 0.5 * (mu + float(ratios[part] @ weights[part] / weights[part].sum()))
-    mu = min(max(mu, _SMALLEST), _LARGEST)
-    factor, power = _STICKING
+    mu = min(max(mu, settings.smallest), settings.largest)
     margin = max(1.0 - used / mu, 0.0)
-    return Slip(
-        friction=mu,
-        deviation=math.hypot(_LEAST, factor * margin**power, _NARROW * rim**3),
-    )
+    sticking = settings.sticking_error * margin**settings.sticking_power
+    narrow = settings.narrow_error * rim**3
+    return Slip(friction=mu, deviation=math.hypot(settings.least_error, sticking, narrow))
 
 
 def _slipping(margin: float) -> float:

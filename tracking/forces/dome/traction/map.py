@@ -1,4 +1,4 @@
-"""What unit forces on nodes do to the whitened shifts of all markers, and the products of it.
+"""Whitened shifts of all markers by unit forces on nodes, and their products.
 
 The products are made once for each node that comes near a contact. A frame then has only to gather
 those of its zone.
@@ -13,9 +13,6 @@ Array = NDArray[np.float64]
 Table = NDArray[np.float32]
 Index = NDArray[np.int64]
 
-#: Most nodes whose products are kept: beyond them all are made anew.
-_MOST = 700
-
 
 class WhitenedMap:
     """Whitened derivatives of one sensor's shifts by forces, node by node.
@@ -27,13 +24,17 @@ class WhitenedMap:
     ----------
     response: of the markers
     whiten: of each pair's shifts, to independent values, shape (P, 6, 6)
-    nodes: that are prepared, shape (n,)
+    nodes: prepared nodes, shape (n,)
+    most: largest number of nodes whose products are kept; above it all are computed again
     """
 
     #: Number of unknowns that are no forces.
     COMMON = 2
 
-    def __init__(self, response: DomeResponse, whiten: Array, nodes: Index) -> None:
+    def __init__(
+        self, response: DomeResponse, whiten: Array, nodes: Index, most: int = 700
+    ) -> None:
+        self._most = most
         self._response = response
         self._whiten = whiten.astype(np.float32)
         self._empty()
@@ -53,7 +54,7 @@ class WhitenedMap:
         """Places of the unknowns of nodes (n,) among the rows, (COMMON + 3n,), made if missing."""
         missing = [int(node) for node in nodes if int(node) not in self._slot]
         if missing:
-            if len(self._nodes) + len(missing) > _MOST:
+            if len(self._nodes) + len(missing) > self._most:
                 self._empty()
                 missing = [int(node) for node in nodes]
             self._make(np.array(missing, np.int64))

@@ -1,8 +1,8 @@
-"""Force field from tracks on a dome whose two layers of markers both move: free tractions.
+"""Force field from tracks on a dome with two moving layers of markers: free tractions.
 
 Two soft layers at different depths show tractions of the skin almost where they act. So no object
-is looked for: any pressing tractions within a zone that the markers tell (`fit`) are
-parted into normal force and friction by the surface that the skin lies on (`skin`).
+is fitted: pressing tractions within a zone that the markers show (`fit`) are parted into normal
+force and friction by the surface that the skin lies on (`skin`).
 """
 
 import math
@@ -23,35 +23,11 @@ from ..marker_response import DomeResponse
 from ..untouched import untouched_field
 from .fit import Frame, TractionFit, Tractions
 from .friction import Slip, read_slip
+from .settings import TractionSettings
 from .silicone import Sums, UnsureSilicone
 from .skin import Parted, Skin
 
 Array = NDArray[np.float64]
-
-#: Fewer visible pairs than this do not determine tractions.
-MIN_MARKERS = 40
-#: Pairs up to this angle from the apex are read [rad].
-_REACH = math.pi / 2
-#: Nodes up to this angle from the apex are prepared before the first frame [rad].
-_PREPARED = math.radians(28.0)
-#: Largest mean square of what is left of the shifts, in deviations, and as a share of the shifts.
-_MISFIT, _LEFT = 4.0, 0.02
-#: µ before one has been observed, and share by which it may be off.
-_USUAL, _UNSEEN = 0.5, 0.4
-#: Share by which µ may be off to be observable, and the margin from which on it is not.
-_OBSERVED, _OBSERVABLE_MARGIN = 0.2, 0.85
-#: What the unknown surface leaves unsure, as a share of ΣFn: factors of the squared share of the
-#: rim, and of the misfit beyond noise.
-_NARROW, _UNEXPLAINED = 0.25, 0.05
-#: Other deviations as shares of ΣFn: of ΣFn at least, over the force that stiffening adds, and over
-#: the depth of the press in thicknesses, as silicone moves its markers more than the linear one
-#: does; of ΣFf; and across the normals, over the force that stiffening adds.
-_NORMAL, _STIFFENING, _DEEP, _FRICTION, _TILT = 0.004, 0.1, 0.25, 0.003, 0.006
-#: Least deviation of Γ.
-_MARGIN = 0.01
-#: How far from where it is told the normal force may act, over the radius: at least, and factor of
-#: the squared share of the rim.
-_ARM = (4e-5, 2.5e-3)
 
 
 class TractionReading:
@@ -61,10 +37,11 @@ class TractionReading:
     ----------
     calibration: of the sensor
     rest: tracks of the unloaded sensor
+    settings: tuned numbers
 
     Attributes
     ----------
-    stiffness_deviation: share by which all forces may be off, beside what their covariance says
+    stiffness_deviation: relative error of all forces, in addition to their covariance
 
     Raises
     ------
@@ -72,32 +49,37 @@ class TractionReading:
         For a sensor without silicone, a pad, and one whose inner layer lies on its core.
     """
 
-    def __init__(self, calibration: SensorCalibration, rest: Tracks) -> None:
+    def __init__(
+        self,
+        calibration: SensorCalibration,
+        rest: Tracks,
+        settings: TractionSettings = TractionSettings(),
+    ) -> None:
         dome = calibration.sensor.round_dome("reconstructor traction")
         if max(layer_depths(calibration.sensor, dome)) > (1.0 - ON_CORE) * dome.thickness:
             raise UserError(
                 "a layer of markers lies on the rigid core, and one moving layer does not tell "
                 "tractions; use the reconstructor contact"
             )
-        self.dome = dome
-        self._shifts = MarkerShifts(calibration, rest, _REACH)
+        self.dome, self._settings = dome, settings
+        self._shifts = MarkerShifts(calibration, rest, settings.reach)
         self._response = DomeResponse(self._shifts.sensor, dome, self._shifts.places)
         nodes = lattice(dome)
-        self._prepared = np.flatnonzero(nodes.angles[nodes.ring] < _PREPARED)
+        self._prepared = np.flatnonzero(nodes.angles[nodes.ring] < settings.prepared)
         self._response.of_nodes(self._prepared)
-        self._skin = Skin(dome)
+        self._skin = Skin(dome, settings.skin)
         self._fit: TractionFit | None = None
         self._silicone: UnsureSilicone | None = None
         self.stiffness_deviation = calibration.stiffness_deviation
         if calibration.silicone_covariance:
-            self._silicone = UnsureSilicone(calibration, rest, self._shifts.pose, _REACH)
+            self._silicone = UnsureSilicone(calibration, rest, self._shifts.pose, settings)
             self.stiffness_deviation = SILICONE_ERROR
         self.reset()
 
     def reset(self) -> None:
         """Forget the frames before: the next one is sought from rest."""
         self._last: Tractions | None = None
-        self._friction = _USUAL
+        self._friction = self._settings.usual_friction
         if self._silicone is not None:
             self._silicone.reset()
 
@@ -107,7 +89,7 @@ class TractionReading:
         Raises
         ------
         NoEstimateError
-            When fewer than MIN_MARKERS pairs are visible, and when no tractions explain them.
+            When too few pairs are visible, and when no tractions explain them.
         """
         frame = self._read(tracks)
         assert self._fit is not None
@@ -128,7 +110,7 @@ class TractionReading:
         return self._field(found)
 
     def _read(self, tracks: Tracks) -> Frame:
-        values, certain = self._shifts(tracks, MIN_MARKERS)
+        values, certain = self._shifts(tracks, self._settings.least_markers)
         noise = self._shifts.noise(tracks)
         if self._fit is None:
             # Noise of markers hardly changes from frame to frame: that of the first one is kept.
@@ -136,48 +118,51 @@ class TractionReading:
             first = np.where(certain[:, None, None], noise, usual)
             places = self._shifts.sensor.shape.points(self._shifts.places[0], 0.0)
             self._fit = TractionFit(
-                self.dome, self._response, self._skin.beside, places, first, self._prepared
-            )
+                self.dome, self._response, self._skin.beside, places, first, self._prepared,
+                self._settings.fit,
+            )  # fmt: skip
         return self._fit.frame(values, certain, noise)
 
     def _odd(self, frame: Frame, found: Tractions) -> bool:
         """Whether tractions do not explain the markers."""
+        settings = self._settings
         assert self._fit is not None
         left = found.misfit * frame.count / max(self._fit.cost(frame), 1e-9)
-        return found.misfit > _MISFIT and left > _LEFT
+        return found.misfit > settings.misfit and left > settings.residual_share
 
     def _field(self, found: Tractions) -> ForceField:
+        settings = self._settings
         before = self._friction
         parted = self._skin(found.nodes, found.linear, before)
         net = _across(parted)
         load = float(np.linalg.norm(net))
-        slip = read_slip(self.dome, found.nodes, parted.normal, parted.friction, load, parted.rim)
+        slip = read_slip(
+            self.dome, found.nodes, parted.normal, parted.friction, load, parted.rim, settings.slip
+        )
         whole = float(parted.normal.sum())
         margin = 1.0 - load / (slip.friction * whole)
-        observable = slip.deviation < _OBSERVED and margin < _OBSERVABLE_MARGIN
+        observable = slip.deviation < settings.observed and margin < settings.observable_margin
         if observable:
             self._friction = slip.friction
         else:
             # Where nothing slips ratios say little, and a µ that is too large would be unsafe.
             usual = min(slip.friction, self._friction)
-            slip = Slip(friction=usual, deviation=max(slip.deviation, _UNSEEN))
+            slip = Slip(friction=usual, deviation=max(slip.deviation, settings.unseen_error))
         points = lattice(self.dome).points
-        narrow = math.hypot(_NARROW * parted.rim**2, _UNEXPLAINED * max(found.misfit - 1.0, 0.0))
+        excess = settings.misfit_error * max(found.misfit - 1.0, 0.0)
+        narrow = math.hypot(settings.rim_error * parted.rim**2, excess)
         inwards = -(parted.displacement * points[found.nodes]).sum(axis=1) / self.dome.radius
-        deep = _DEEP * max(float(inwards.max()), 0.0) / self.dome.thickness
-        unsure = whole * np.array(
-            [
-                math.hypot(_NORMAL, _STIFFENING * parted.added, deep, narrow),
-                math.hypot(_FRICTION, narrow),
-            ]
-        )
+        deep = settings.depth_error * max(float(inwards.max()), 0.0) / self.dome.thickness
+        stiffened = settings.stiffening_error * parted.added
+        normal_error = math.hypot(settings.normal_error, stiffened, deep, narrow)
+        unsure = whole * np.array([normal_error, math.hypot(settings.friction_error, narrow)])
         slopes = _slopes(parted, net, points[found.nodes])
         spread = found.spread(slopes)
         covariance = spread @ spread.T
         totals = covariance[:2, :2] + np.diag(unsure**2)
-        margin_deviation = _margin_deviation(slip, whole, load, totals)
+        margin_deviation = _margin_deviation(slip, whole, load, totals, settings.margin_error)
         if self._silicone is not None:
-            # What is alike in both sums and in µ leaves Γ as it is: it is told apart.
+            # Errors that both sums and µ share leave Γ as it is: they are kept apart.
             more = self._calibrated(found, parted, before, slip, observable)
             covariance, totals = covariance + more[:6, :6], totals + more[:2, :2]
             margin_deviation = math.hypot(margin_deviation, math.sqrt(max(more[6, 6], 0.0)))
@@ -217,7 +202,8 @@ class TractionReading:
             other, mu = skin(found.nodes, linear, before), slip.friction
             if observable:
                 load, both = float(np.linalg.norm(_across(other))), (other.normal, other.friction)
-                mu = read_slip(self.dome, found.nodes, *both, load, other.rim).friction
+                slip_of = self._settings.slip
+                mu = read_slip(self.dome, found.nodes, *both, load, other.rim, slip_of).friction
             return _sums(other, points, mu)
 
         sums = _sums(parted, points, slip.friction)
@@ -228,10 +214,11 @@ class TractionReading:
 
         Normals that are wrong change how much is stiffened, and where to.
         """
+        settings = self._settings
         out, whole = np.zeros((4, 4)), float(parted.normal.sum())
-        tilted = whole * parted.added * math.hypot(_TILT, narrow)
+        tilted = whole * parted.added * math.hypot(settings.tilt_error, narrow)
         out[:3, :3] = unsure**2 * np.outer(parted.axis, parted.axis) + tilted**2 * np.eye(3)
-        arm = self.dome.radius * math.hypot(_ARM[0], _ARM[1] * parted.rim**2)
+        arm = self.dome.radius * math.hypot(settings.arm, settings.rim_arm * parted.rim**2)
         out[3, 3] = (arm * whole) ** 2
         return out
 
@@ -243,7 +230,7 @@ def _across(parted: Parted) -> Array:
 
 
 def _sums(parted: Parted, points: Array, friction: float) -> Sums:
-    """What is read off forces on nodes at rest at points (n, 3), with a µ."""
+    """Sums of forces on nodes at rest at points (n, 3), with a µ."""
     forces = parted.normal[:, None] * parted.directions + parted.friction
     x, y, _ = (points + parted.displacement).T
     net, whole = _across(parted), float(parted.normal.sum())
@@ -271,12 +258,12 @@ def _slopes(parted: Parted, net: Array, points: Array) -> Array:
     return np.concatenate([normal[None], across[:1], forces, torque[None]])
 
 
-def _margin_deviation(slip: Slip, whole: float, load: float, totals: Array) -> float:
-    """Deviation of Γ from those of µ and the sums."""
+def _margin_deviation(slip: Slip, whole: float, load: float, totals: Array, least: float) -> float:
+    """Deviation of Γ from those of µ and the sums, at least about the last one."""
     share = load / (slip.friction * whole)
     slope = np.array([share / whole, -1.0 / (slip.friction * whole)])
     sums = math.sqrt(max(float(slope @ totals @ slope), 0.0))
-    return math.hypot(share * slip.deviation, sums, _MARGIN)
+    return math.hypot(share * slip.deviation, sums, least)
 
 
 def _on_all(points: Array, found: Tractions, values: NDArray[np.generic]) -> NDArray:  # type: ignore[type-arg]

@@ -1,8 +1,8 @@
-"""What a calibration leaves unsure of tractions: the silicone's values are known to a covariance.
+"""Uncertainty of tractions by a calibration, which knows the silicone to a covariance.
 
 Young's modulus scales all forces. The other values change what forces show, and how they are
-parted. If one of them is a little other than told, the most probable forces are those that make up
-for the change of the shifts that it brings (to first order, within the same zone).
+parted. With a small error of one of them, the most probable forces are those that make up for the
+change of the shifts that it causes (to first order, within the same zone).
 """
 
 from collections.abc import Callable
@@ -19,20 +19,15 @@ from ...shifts import MarkerShifts
 from ...silicone_values import silicone_names
 from ..marker_response import DomeResponse
 from .fit import TractionFit, Tractions
+from .settings import TractionSettings, UnsureSettings
 from .skin import Skin
 
 Array = NDArray[np.float64]
 
-#: Highest ν whose elasticity is solved for.
-_HIGHEST = 0.494
-#: Slopes are found anew when ΣFn, or a component of the friction, has changed by this share of
-#: ΣFn, and when the contact has moved on by this share of the radius.
-_CHANGED, _MOVED = 0.1, 0.02
-
 
 @dataclass(frozen=True, kw_only=True)
 class Sums:
-    """What is read off forces, and how a contact lies.
+    """Sums of forces, and the place of a contact.
 
     Attributes
     ----------
@@ -50,7 +45,7 @@ class Sums:
 
 @dataclass(frozen=True, kw_only=True)
 class _Other:
-    """Silicone of which one value is other than told, by `step`."""
+    """Silicone with one value changed by `step`."""
 
     step: float
     response: DomeResponse
@@ -65,12 +60,17 @@ class UnsureSilicone:
     calibration: of the sensor, with its covariance
     rest: tracks of the unloaded sensor
     pose: of the specimen's camera
-    reach: of the markers that are read [rad]
+    settings: tuned numbers of the reconstructor
     """
 
     def __init__(
-        self, calibration: SensorCalibration, rest: Tracks, pose: CameraPose, reach: float
+        self,
+        calibration: SensorCalibration,
+        rest: Tracks,
+        pose: CameraPose,
+        settings: TractionSettings,
     ) -> None:
+        self._settings = settings.silicone
         values = silicone_of(calibration)
         assert values is not None
         covariance = np.array(calibration.silicone_covariance)
@@ -84,15 +84,15 @@ class UnsureSilicone:
             step, now = float(np.sqrt(covariance[k, k])), getattr(values, name)
             if not step > 0.0:
                 continue
-            if name == "poisson" and now + step > _HIGHEST:
+            if name == "poisson" and now + step > self._settings.highest_poisson:
                 step = -step
             known = with_silicone(calibration, changed(values, **{name: now + step}))
-            shifts = MarkerShifts(known, rest, reach, pose)
+            shifts = MarkerShifts(known, rest, settings.reach, pose)
             dome = known.sensor.round_dome("reconstructor traction")
             self._others[k] = _Other(
                 step=step,
                 response=DomeResponse(shifts.sensor, dome, shifts.places),
-                skin=Skin(dome),
+                skin=Skin(dome, settings.skin),
             )
         self.reset()
 
@@ -114,11 +114,11 @@ class UnsureSilicone:
         Parameters
         ----------
         fit: that found the forces
-        response: of the silicone as told
+        response: of the silicone as calibrated
         found, sums: forces, and what is read off them
         read: reads forces (n, 3) on the same nodes as they lie on a skin
         """
-        if self._last is None or _far(self._last, sums):
+        if self._last is None or _far(self._last, sums, self._settings):
             self._last = sums
             shown = response(found.nodes, found.linear)
             for k, other in self._others.items():
@@ -133,9 +133,10 @@ class UnsureSilicone:
         return slopes @ self._covariance @ slopes.T
 
 
-def _far(before: Sums, now: Sums) -> bool:
+def _far(before: Sums, now: Sums, settings: UnsureSettings) -> bool:
     """Whether a contact is another one than before."""
     whole = before.values[0]
     off = np.append(now.net - before.net, now.values[0] - whole)
     away = np.linalg.norm(now.middle - before.middle)
-    return bool(abs(off).max() > _CHANGED * whole or away > _MOVED * np.linalg.norm(now.middle))
+    turned = abs(off).max() > settings.changed * whole
+    return bool(turned or away > settings.moved * np.linalg.norm(now.middle))

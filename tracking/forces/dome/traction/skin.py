@@ -15,25 +15,10 @@ from numpy.typing import NDArray
 
 from .....model import Dome
 from .....model.dome import SkinField, lattice, stiffening_of
+from .settings import SkinSettings
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-#: Nodes within so many pitches lie beside each other.
-_BESIDE = 1.6
-#: Depth of an object per pressure [m³/N]: that of an object of 250 kPa. Objects of 60 kPa to 1 MPa
-#: have a quarter to four times as much.
-_SOFTNESS = 0.8e-9
-#: Deviation of the skin from a surface of two curvatures [m].
-_ROUGHNESS = 20e-6
-#: Prior deviations of height over the radius, of slopes, and of curvatures times the radius.
-_HEIGHT, _SLOPE, _CURVE = 0.1, 0.5, 3.0
-#: Sharpest curvature times the radius, and the least slope of the surface towards its side.
-_SHARPEST, _UPRIGHT = 4.0, 0.2
-#: Rounds of parting the forces and fitting the surface, and of that fit.
-_PASSES, _ROUNDS = 2, 3
-#: Least pressure that counts in a fit, over the largest.
-_LEAST = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,11 +54,11 @@ class Parted:
         return np.asarray(whole / max(float(np.linalg.norm(whole)), 1e-12))
 
 
-def neighbours(dome: Dome) -> Index:
+def neighbours(dome: Dome, settings: SkinSettings) -> Index:
     """Nodes beside each node, itself among them, (N, K); filled up with N."""
     points = lattice(dome).points
     tree = scipy.spatial.KDTree(points)
-    lists = [tree.query_ball_point(point, _BESIDE * dome.spacing) for point in points]
+    lists = [tree.query_ball_point(point, settings.beside * dome.spacing) for point in points]
     out = np.full((len(points), max(len(each) for each in lists)), len(points))
     for row, each in zip(out, lists, strict=True):
         row[: len(each)] = each
@@ -86,12 +71,13 @@ class Skin:
     Parameters
     ----------
     dome: body
+    settings: tuned numbers
     """
 
-    def __init__(self, dome: Dome) -> None:
-        self._dome = dome
+    def __init__(self, dome: Dome, settings: SkinSettings) -> None:
+        self._dome, self._settings = dome, settings
         self._nodes = lattice(dome)
-        self.beside = neighbours(dome)
+        self.beside = neighbours(dome, settings)
         self._field = SkinField(dome)
 
     def __call__(self, nodes: Index, linear: Array, friction: float) -> Parted:
@@ -101,6 +87,7 @@ class Skin:
         ----------
         friction: µ, which tells how much of the contact slips, and so stiffens
         """
+        settings = self._settings
         forces = np.zeros_like(self._nodes.points)
         forces[nodes] = linear
         displacement = self._field(forces)[nodes]
@@ -108,11 +95,11 @@ class Skin:
         directions = -self._nodes.outwards[nodes]
         among = self._among(nodes)
         patches = _patches(among)
-        for _ in range(_PASSES):
+        for _ in range(settings.passes):
             normal, _, _ = self._parted(nodes, linear, directions, displacement, friction)
             pressure = normal / self._nodes.areas[nodes]
-            pressure = np.maximum(pressure, _LEAST * pressure.max())
-            surface = places + _SOFTNESS * pressure[:, None] * directions
+            pressure = np.maximum(pressure, settings.least_pressure * pressure.max())
+            surface = places + settings.softness * pressure[:, None] * directions
             turned = np.empty_like(directions)
             for patch in patches:
                 turned[patch] = self._normals(surface[patch], directions[patch], pressure[patch])
@@ -143,25 +130,27 @@ class Skin:
         In axes along its mean normal it is z = a + b·x + c·y + (d·x² + 2e·xy + f·y² + g·z²)/2. With
         g its largest curvature that is a ball or a cylinder exactly, however far around it touches.
         """
+        settings = self._settings
         radius = self._dome.radius
-        curve = _CURVE / radius
-        prior = np.array([_HEIGHT * radius, _SLOPE, _SLOPE, curve, 0.5 * curve, curve])
+        curve = settings.curve / radius
+        slope = settings.slope
+        prior = np.array([settings.height * radius, slope, slope, curve, 0.5 * curve, curve])
         weights = pressure / pressure.max()
         middle = weights @ surface / weights.sum()
         axis = -(pressure @ directions)
         bend, steep = 0.0, np.ones(len(surface))
         normals = directions
-        for _ in range(_ROUNDS):
+        for _ in range(settings.rounds):
             axes = _axes(axis)
             x, y, z = ((surface - middle) @ axes).T
             design = np.stack([np.ones_like(x), x, y, x**2 / 2, x * y, y**2 / 2], axis=1)
-            weighted = design * (weights / (_ROUGHNESS * steep) ** 2)[:, None]
+            weighted = design * (weights / (settings.roughness * steep) ** 2)[:, None]
             information = weighted.T @ design + np.diag(prior**-2)
             a = np.linalg.solve(information, weighted.T @ (z - bend * z**2 / 2))
             curves = np.linalg.eigvalsh([[a[3], a[4]], [a[4], a[5]]])
-            most = _SHARPEST / radius
+            most = settings.sharpest / radius
             bend = float(np.clip(curves[np.argmax(abs(curves))], -most, most))
-            upright = np.maximum(1.0 - bend * z, _UPRIGHT)
+            upright = np.maximum(1.0 - bend * z, settings.upright)
             slopes = np.stack([a[1] + a[3] * x + a[4] * y, a[2] + a[4] * x + a[5] * y], axis=1)
             normals = np.column_stack([slopes, -upright])
             steep = np.linalg.norm(normals, axis=1)
@@ -193,7 +182,7 @@ def _patches(among: Index) -> list[Index]:
 
 
 def _at_rim(among: Index) -> NDArray[np.bool_]:
-    """Which of the nodes have one beside them that does not touch, see `Skin._among`."""
+    """Nodes with a neighbour that does not touch, see `Skin._among`."""
     return np.asarray((among == len(among) + 1).any(axis=1))
 
 

@@ -1,0 +1,208 @@
+"""Tuned numbers of the reconstructor `contact`, each with its unit and effect."""
+
+from dataclasses import dataclass
+
+#: Error of a marker's place that the linear silicone and the round object cause [px].
+PLACE_ERROR = 0.02
+#: The same of the logarithm of its size.
+SIZE_ERROR = 5e-3
+#: Largest number of independent key frames: errors of the model are alike in all.
+INDEPENDENT = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactModelSettings:
+    """Tuned numbers of the contact that is fitted.
+
+    Attributes
+    ----------
+    dahl_exponent: exponent of the Dahl law, which is not fitted
+    light_shift: smallest prior deviation of a shift, over the thickness of the silicone
+    shift_per_press: prior deviation of a shift over the press; a light contact is hardly shifted
+    hollow: prior deviation of a curvature below 0, times the dome's radius: gripped objects are
+        hardly ever hollow, and a soft plane shows almost the same markers as a stiffer hollow
+    deepest: deepest press over the thickness of the silicone
+    flattest, sharpest: bounds of curvature times the dome's radius; deeper hollows fit nowhere
+    longest_part: longest part of a step over the thickness; shorter parts follow friction better
+    most_parts: largest number of parts
+    derivative_step: change of an unknown for its derivative, over its unit
+    """
+
+    dahl_exponent: float = 0.7
+    light_shift: float = 0.02
+    shift_per_press: float = 0.6
+    hollow: float = 0.1
+    deepest: float = 0.75
+    flattest: float = -0.9
+    sharpest: float = 8.0
+    longest_part: float = 0.08
+    most_parts: int = 8
+    derivative_step: float = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactFitSettings:
+    """Tuned numbers of the fit of a contact; gains are in squared deviations.
+
+    Attributes
+    ----------
+    least_gain: gain of a round below which the fit ends
+    promising_rounds: rounds of a rival after which its expected cost decides whether it goes on
+    chord_rounds: rounds with the derivatives of an earlier solution
+    chord_reach: distance from that solution, over the longest step, above which they no longer hold
+    follow_steps: largest number of steps of a pose from frame to frame
+    follow_gain: expected gain below which a pose stays as it is
+    slow: share of the gain before above which slopes are computed again
+    small_change: change of ln ΣFn, ln µ and Γ that is small compared with the errors of the
+        silicone and the friction law; smaller changes refit no object
+    unsure_share: the same as a share of the deviations of ln ΣFn, ln µ and Γ
+    telling_gain: expected gain per key frame, over the misfit, above which the object is refitted
+    independent_keys: largest number of independent key frames; more weigh less each
+    model: contact that is fitted
+    """
+
+    least_gain: float = 0.3
+    promising_rounds: int = 2
+    chord_rounds: int = 3
+    chord_reach: float = 0.25
+    follow_steps: int = 4
+    follow_gain: float = 0.03
+    slow: float = 0.1
+    small_change: float = 0.003
+    unsure_share: float = 0.05
+    telling_gain: float = 50.0
+    independent_keys: float = INDEPENDENT
+    model: ContactModelSettings = ContactModelSettings()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShiftSettings:
+    """Tuned numbers for outliers among the pairs of a frame.
+
+    Attributes
+    ----------
+    odd: root mean square of a pair's residuals of half weight in a fit [deviations]
+    off: the same above which the cost of a pair grows linearly [deviations]
+    moved: mean square of a pair's shifts above which it has moved [squared deviations]
+    several: number of moved pairs below which their median residual counts as 0
+    """
+
+    odd: float = 1.5
+    off: float = 2.0
+    moved: float = 25.0
+    several: int = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeySettings:
+    """Tuned numbers for the choice of key frames; smaller steps give more of them.
+
+    Attributes
+    ----------
+    most: largest number of key frames; each costs time in every refit
+    shift, press: distances from one key pose to the next, over the thickness of the silicone
+    twist_rad: the same of the twist [rad]
+    """
+
+    most: int = 8
+    shift: float = 0.01
+    press: float = 0.015
+    twist_rad: float = 0.03
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartSettings:
+    """Tuned numbers for the starts of a fit.
+
+    Attributes
+    ----------
+    places: rings of starts from rest: angle of each from the apex [rad], and number of starts
+    press: press of a start from rest, over the thickness
+    curves: curvatures of other objects at the same place, times the radius
+    rivals: factors of press and curvature, and of µ, which take turns
+    plausible: deviations of ln k and ln µ above which a rival is not tried
+    softening: power of the press that the stiffness of a rival follows
+    rivals_first, rivals_most: key frames from one rival to the next, at first and at most
+    """
+
+    places: tuple[tuple[float, int], ...] = ((0.0, 1), (0.25, 6), (0.55, 10))
+    press: float = 0.1
+    curves: tuple[float, ...] = (0.0, 3.0)
+    rivals: tuple[tuple[float, float], ...] = ((1.6, 1.0), (1.0 / 1.6, 1.0), (1.0, 0.5))
+    plausible: float = 5.0
+    softening: float = -1.8
+    rivals_first: int = 2
+    rivals_most: int = 32
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactSettings:
+    """Tuned numbers of `ContactReading`; misfits are mean squared residuals in deviations.
+
+    Attributes
+    ----------
+    least_markers: number of visible pairs below which no contact is determined
+    place_error_px: error of a marker's place that silicone and object cause [px]
+    size_error: the same of the logarithm of its size
+    share_error: error of a place as a share of the marker's motion
+    untouched: sum of squares of the shifts below which nothing touches [squared deviations]
+    explained: sum of squares that a contact must explain to be one; noise hides lighter touches
+    misfit: largest misfit of a solution; above it the frame is refused
+    median_misfit: largest median squared residual of the moved pairs (a few pairs of any specimen
+        are outliers), for aligned markers
+    median_misfit_slope: its increase per misalignment over marker size: misaligned markers are
+        tracked worse
+    both_misfits, both_misfits_slope: the same for the product of median and mean
+    hollow, edge: smallest and largest curvature of a smooth, convex object, times the radius
+    shaped_misfit: misfit above which an object beyond them is rejected
+    same: mean square of a change of the shifts below which a refused frame is the same
+    rounds: largest number of rounds of a fit from rest
+    refit_rounds: the same of a fit that starts near its solution
+    rival_rounds: the same of a rival; the next turn goes on with a better one
+    refit_every: number of key frames that could change the estimate, after which the object is
+        fitted again at the latest
+    refit_patience: unsuccessful refits after which the interval between them doubles
+    rival_gain: decrease of the cost for which rivals are tried more often [squared deviations]
+    doubtful: smallest misfit at which other objects are tried
+    worse: factor on the misfit of the last solution above which they are tried
+    observed: deviation of ln µ below which µ is observable
+    observable_margin: Γ from which on µ is not observable
+    margin_error: error of Γ that the layer's thickness and the friction law cause
+    normal_error, friction_error: relative errors of ΣFn and ΣFf from the same causes
+    touching: share of ΣFn above which a node is in contact
+    fit, shifts, keys, starts: parts of the method
+    """
+
+    least_markers: int = 12
+    place_error_px: float = PLACE_ERROR
+    size_error: float = SIZE_ERROR
+    share_error: float = 0.015
+    untouched: float = 100.0
+    explained: float = 60.0
+    misfit: float = 2.0
+    median_misfit: float = 0.25
+    median_misfit_slope: float = 2.4
+    both_misfits: float = 0.06
+    both_misfits_slope: float = 4.0
+    hollow: float = -0.2
+    edge: float = 4.5
+    shaped_misfit: float = 0.8
+    same: float = 0.5
+    rounds: int = 25
+    refit_rounds: int = 8
+    rival_rounds: int = 4
+    refit_every: int = 8
+    refit_patience: int = 3
+    rival_gain: float = 1.0
+    doubtful: float = 1.2
+    worse: float = 1.3
+    observed: float = 0.3
+    observable_margin: float = 0.85
+    margin_error: float = 0.03
+    normal_error: float = 0.04
+    friction_error: float = 0.04
+    touching: float = 1e-6
+    fit: ContactFitSettings = ContactFitSettings()
+    shifts: ShiftSettings = ShiftSettings()
+    keys: KeySettings = KeySettings()
+    starts: StartSettings = StartSettings()

@@ -1,0 +1,146 @@
+"""Tuned numbers for the pose of the camera in a rest frame, each with its unit and effect."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchSettings:
+    """Tuned numbers for markers and the places of a design; distances are in pitches.
+
+    Attributes
+    ----------
+    least_markers: number of markers in a layer below which no pose is determined
+    same: distance below which a marker and a place are the same, for a perfect specimen
+    scattered: its increase per deviation of a specimen's markers from their places
+    own: distance below which places are the same under a turn of the layout
+    symmetric: share of the places that fall on places when a symmetry turns the layout
+    largest_order: largest order of a symmetry that is tried
+    neighbours: number of neighbours that a layout is shifted onto to find a lattice
+    lattice: share of the places that fall on places when a lattice is shifted
+    """
+
+    least_markers: int = 20
+    same: float = 0.25
+    scattered: float = 1.0
+    own: float = 0.1
+    symmetric: float = 0.6
+    largest_order: int = 72
+    neighbours: int = 8
+    lattice: float = 0.6
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings:
+    """Tuned numbers of the search over roll, scale and shift; distances are in pitches.
+
+    Attributes
+    ----------
+    smallest_scale, largest_scale: bounds of the scale
+    shift: largest shift over the image's smaller side
+    voters: number of markers that vote for a pose, those nearest to the middle of the image, where
+        a tilt looks like a shift; of a lattice all vote, as its middle looks the same everywhere
+    scales: tried scales over that of the markers' spacing
+    roll_step: distance of the tried rolls [rad]
+    cell: side of the cells in which votes for a shift are counted
+    likely: share of the most votes above which a pose is refined
+    most: largest number of such poses
+    radii: distances up to which markers are matched, round by round
+    close: share of the most matched markers above which a pose is returned
+    returned: largest number of returned poses
+    """
+
+    smallest_scale: float = 0.7
+    largest_scale: float = 1.4
+    shift: float = 0.15
+    voters: int = 60
+    scales: tuple[float, ...] = (0.9, 0.95, 1.0, 1.05)
+    roll_step: float = math.radians(3.0)
+    cell: float = 0.3
+    likely: float = 0.7
+    most: int = 300
+    radii: tuple[float, ...] = (0.5, 0.4, 0.3)
+    close: float = 0.8
+    returned: int = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacementSettings:
+    """Tuned numbers for the place of a design's image in a picture.
+
+    Attributes
+    ----------
+    share: share of the markers that must lie at places of the design; specks and cut markers lie
+        elsewhere, and of another dome's spiral up to 0.88 lie at places, too
+    middles: tried places of the middle of the markers, over their reach: first uncut, then cut on
+        any side
+    equal: loss of overlap up to which two placements are equally good, over 1/√markers
+    match, search: parts of the method
+    """
+
+    share: float = 0.9
+    middles: tuple[tuple[float, float], ...] = (
+        (0.0, 0.0),
+        (0.35, 0.0),
+        (-0.35, 0.0),
+        (0.0, 0.35),
+        (0.0, -0.35),
+    )
+    equal: float = 0.25
+    match: MatchSettings = MatchSettings()
+    search: SearchSettings = SearchSettings()
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseSettings:
+    """Tuned numbers of `rest_pose`; prior deviations narrow what is uncertain.
+
+    Attributes
+    ----------
+    tilt: prior deviation of the camera's tilt about each axis [rad]
+    shift: prior deviation of its shift along each axis [px]
+    log_scale: prior deviation of the logarithm of its scale
+    turn: prior deviation of the inner layer's turn about each axis [rad]
+    along: prior deviation of the inner layer's shift along a pad [m]
+    place: deviation of a marker's place that stencils cause [pitches]
+    from_design: rounds of a fit from the design's pose: distance up to which markers are matched
+        [pitches], and part of the layout from the middle; near it a tilt looks like a shift
+    from_search: the same from a pose of the search
+    largest_tilt: largest tilt that can be distinguished from a shift [rad]
+    share: share of the visible markers that must lie at places of the design
+    found: share of the design's places that must have markers
+    apart: largest RMS distance of the markers from the places [pitches]
+    sure: loss of overlap below which a fit from the design's own pose needs no search, over
+        1/√markers; a square grid that is shifted by a pitch loses 1
+    equal: loss of overlap up to which two poses are equally good, over 1/√markers
+    clear: share of the next pose's motion below which a pose is taken
+    match, search: parts of the method
+    """
+
+    tilt: float = 0.1
+    shift: float = 40.0
+    log_scale: float = 0.2
+    turn: float = 0.03
+    along: float = 2e-4
+    place: float = 0.03
+    from_design: tuple[tuple[float, float], ...] = (
+        (0.45, 1.0),
+        (0.35, 1.0),
+        (0.25, 1.0),
+        (0.25, 1.0),
+    )
+    from_search: tuple[tuple[float, float], ...] = (
+        (0.4, 0.5),
+        (0.4, 0.7),
+        (0.4, 0.85),
+        *from_design,
+    )
+    largest_tilt: float = math.radians(15.0)
+    share: float = 0.97
+    found: float = 0.3
+    apart: float = 0.2
+    sure: float = 0.5
+    equal: float = 0.25
+    clear: float = 0.25
+    match: MatchSettings = MatchSettings()
+    search: SearchSettings = SearchSettings()
