@@ -235,7 +235,7 @@ def test_errors_and_the_zone_are_settings() -> None:
     assert unsure.totals_covariance[0, 0] > (0.1 * unsure.total_normal) ** 2
     assert usual.totals_covariance[0, 0] < 0.2 * unsure.totals_covariance[0, 0]
     assert np.array_equal(usual.normal, unsure.normal)
-    narrow = TractionFitSettings(weak_pressure=0.5, largest_ratio=0.3)
+    narrow = TractionFitSettings(joining=0.3)
     assert with_settings(TractionSettings(fit=narrow)).contact.sum() < usual.contact.sum()
 
 
