@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from chromagrip.calibrate.board_corners import read_image
+from chromagrip.calibrate.lens.corners import read_image
 from chromagrip.errors import UserError
 from chromagrip.output.pictures import open_source, read_picture
 

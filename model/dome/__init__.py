@@ -21,11 +21,11 @@ from .simulate import (
     save_dome_state,
     simulate_contact,
 )
+from .skin import stiffening_of
 from .slip import DomeSlip, follow_dome_slip, no_dome_slip
 from .solid import Solid, per_area, solid_stiffness
 from .state import DomeState, StepCount, resting
 from .stepper import Stepper, displacements
-from .stiffening import stiffening_of
 
 __all__ = [
     "AXES",

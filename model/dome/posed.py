@@ -20,9 +20,9 @@ from ..kernels.dome.posed_kernels import linear_system, posed_forces, solve_pose
 from ..shapes import distances
 from .dome import Dome, lattice
 from .near_block import NearBlock
+from .skin import law_of
 from .solid import Solid, touched
 from .stepper import ENOUGH, ROUNDS
-from .stiffening import law_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

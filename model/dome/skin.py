@@ -1,17 +1,19 @@
 """The skin of a body beside an object: the nodes that are looked at, and what they remember."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import PiercedError
 from ..kernels.dome.near_kernels import find_near, node_groups
 from ..kernels.dome.node_kernels import Contact, Outcome
+from ..kernels.dome.posed_kernels import stiffening_by
 from ..kernels.dome.touch_kernels import Pose, Stiffening
 from .dome import Lattice, SoftBody, lattice
 from .near_block import NearBlock
 from .solid import Solid, touched
 from .state import DomeState, check_state
-from .stiffening import stiffening_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -185,3 +187,34 @@ class Skin:
         self.block.take(near, kept)
         self.is_near[:] = False
         self.is_near[near] = True
+
+
+def law_of(dome: SoftBody) -> Array:
+    """Constants of the law, as `stiffening_by` takes them.
+
+    They are the thickness [m], which is 0 where nothing stiffens; without friction the widest
+    contact in thicknesses, a factor, its power, and p; where it sticks the widest contact, c of it,
+    its power, and p.
+    """
+    if not dome.stiffening:
+        return np.zeros(9)
+    # A wide contact squeezes the silicone, which gives way by its bulk: more so, the less it is
+    # compressible.
+    bulk = 2.0 * (1.0 + dome.poisson) / (3.0 * (1.0 - 2.0 * dome.poisson))  # over the shear modulus
+    slipping = [0.402 * math.sqrt(bulk), 3.103 * dome.slenderness**-0.184, 0.511, 1.536]
+    return np.array([dome.thickness, *slipping, 0.807, 2.556, 2.347, 1.425])
+
+
+def stiffening_of(
+    dome: SoftBody, friction: float, areas: Array, forces: Array, tangential: Array
+) -> Stiffening:
+    """Law of the next step, from the contact before it.
+
+    Parameters
+    ----------
+    friction: coefficient µ
+    areas: of the nodes [m²], shape (n,)
+    forces, tangential: on the nodes, and their friction [N], shape (n, 3)
+    """
+    share, power = stiffening_by(law_of(dome), friction, areas, forces, tangential)
+    return Stiffening(share, power, dome.thickness)

@@ -6,7 +6,7 @@ Each kind of method (tracker, reconstructor, controller, renderer, integrator, g
 
 import sys
 import traceback
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -254,3 +254,21 @@ def _origin(reason: BaseException) -> str:
     """File and line that an error was raised in, for a message without a traceback."""
     calls = traceback.extract_tb(reason.__traceback__)
     return f" ({Path(calls[-1].filename).name}, line {calls[-1].lineno})" if calls else ""
+
+
+def named(choices: Iterable[Choice], load: Callable[[Choice], object]) -> dict[str, Choice]:
+    """Choices by their name in rows; a class or other factory has its own name.
+
+    Parameters
+    ----------
+    choices: names, `module:Class`, classes or other factories
+    load: refuses a choice that cannot be loaded
+
+    Raises
+    ------
+    UserError
+        When there is none of that name, or it cannot be imported.
+    """
+    for choice in choices:
+        load(choice)
+    return {c if isinstance(c, str) else getattr(c, "__name__", repr(c)): c for c in choices}

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from chromagrip.calibrate.board_corners import find_corners, image_files
-from chromagrip.calibrate.lens import calibrate_camera
+from chromagrip.calibrate.lens.corners import find_corners, image_files
+from chromagrip.calibrate.lens.folder import calibrate_camera
 from chromagrip.cli.calibrate import calibrate
 from chromagrip.errors import UserError
 from chromagrip.render import FisheyeCamera, PinholeCamera, load_camera

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from chromagrip import UserError
 from chromagrip.dataset import load_sequences
 from chromagrip.dataset.check import check
-from chromagrip.dataset.export import export
+from chromagrip.dataset.export.layouts import export
 from chromagrip.dataset.folder import TABLE
 from chromagrip.dataset.labels import columns_of
 from chromagrip.dataset.make import make, merge

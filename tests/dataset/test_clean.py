@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from chromagrip import UserError
 from chromagrip.dataset import load_sequences
 from chromagrip.dataset.check import check
-from chromagrip.dataset.export import export
+from chromagrip.dataset.export.layouts import export
 from chromagrip.dataset.folder import CARD, FILES, sequence_name
 from chromagrip.dataset.frozen import content_of
 from chromagrip.dataset.make import make, merge

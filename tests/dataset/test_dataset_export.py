@@ -14,8 +14,8 @@ import pytest
 
 from chromagrip import UserError
 from chromagrip.dataset import Loaded, load_sequences
-from chromagrip.dataset.export import LAYOUTS, export
-from chromagrip.dataset.lerobot import CAMERA, FORCES, STATE
+from chromagrip.dataset.export.layouts import LAYOUTS, export
+from chromagrip.dataset.export.lerobot import CAMERA, FORCES, STATE
 from chromagrip.dataset.make import make
 from chromagrip.dataset.recipe import load_recipe
 from chromagrip.dataset.split import split

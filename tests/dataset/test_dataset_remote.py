@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from chromagrip import UserError
 from chromagrip.dataset import load_sequences
 from chromagrip.dataset.check import check
-from chromagrip.dataset.export import export
+from chromagrip.dataset.export.layouts import export
 from chromagrip.dataset.make import make, merge
 from chromagrip.dataset.recipe import load_recipe
 from chromagrip.dataset.split import split

@@ -17,7 +17,7 @@ from chromagrip import UserError
 from chromagrip.dataset import load_sequences
 from chromagrip.dataset import sequence as one_sequence
 from chromagrip.dataset.check import check, wrong_values
-from chromagrip.dataset.export import export
+from chromagrip.dataset.export.layouts import export
 from chromagrip.dataset.folder import TABLE, sequence_name
 from chromagrip.dataset.labels import columns_of
 from chromagrip.dataset.labels.dome_physics import presliding, wrong_dome

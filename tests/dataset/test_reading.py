@@ -15,12 +15,12 @@ from msgspec.structs import replace
 from chromagrip import UserError
 from chromagrip.dataset import load_sequences
 from chromagrip.dataset.check import check
-from chromagrip.dataset.export import export
+from chromagrip.dataset.export.layouts import export
+from chromagrip.dataset.export.lerobot import READ_FORCES
 from chromagrip.dataset.folder import CARD, FILES, read_manifest, sequence_name
 from chromagrip.dataset.frozen import content_of, frozen_as
 from chromagrip.dataset.labels import INTERVALS, READ, READING
 from chromagrip.dataset.labels.reading import reading_lines
-from chromagrip.dataset.lerobot import READ_FORCES
 from chromagrip.dataset.make import make
 from chromagrip.dataset.read import Loaded, tables
 from chromagrip.dataset.recipe import Recipe, load_recipe

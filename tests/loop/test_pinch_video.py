@@ -15,7 +15,7 @@ from chromagrip.loop.pinch.course_plot import BAND, OTHER, SEEN, TRUTH, CoursePl
 from chromagrip.loop.pinch.stage import ABOVE, FINGER_COLOURS, UPPER, Stage, draw_along, draw_side
 from chromagrip.loop.pinch.stage import set_stage as stage_of
 from chromagrip.loop.pinch.video import HEIGHT, SIDE, WIDTH, PinchVideo, _upright
-from chromagrip.loop.pinch_world import Pinched
+from chromagrip.loop.pinch.world import Pinched
 from chromagrip.loop.rig import Rig
 from chromagrip.loop.run import run
 from chromagrip.loop.sample import Sample, Truth

@@ -32,7 +32,6 @@ from . import (
     pictures,
     readouts,
     render,
-    score,
     sweep,
 )
 from .ending import NAME, finish
@@ -57,7 +56,7 @@ COMMANDS: dict[str, Command] = {
     "detect": pictures.detect,
     "track": pictures.track,
     "estimate": pictures.estimate,
-    "score": score.score,
+    "score": measure.score,
     "calibrate": calibrate.calibrate,
     "calibrate sensor": calibrate.calibrate_sensor,
     "train": calibrate.train,

@@ -27,7 +27,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:  # OpenCV loads only when something is calibrated
-    from ..calibrate.lens import Calibration
+    from ..calibrate.lens.folder import Calibration
     from ..render.optics import Board
     from ..tracking import SensorCalibration
     from ..tracking.forces import FitReport
@@ -90,8 +90,8 @@ def calibrate(
     if out is not None:
         check_file(out, {".yml", ".yaml"}, overwrite)
 
-    from ..calibrate.board_corners import image_files
-    from ..calibrate.lens import calibrate_camera
+    from ..calibrate.lens.corners import image_files
+    from ..calibrate.lens.folder import calibrate_camera
     from ..render import save_camera
 
     files = image_files(images)

@@ -182,7 +182,7 @@ def export(
 
     Example: chromagrip dataset export data --to coco --out coco
     """
-    from ..dataset.export import export as export_dataset
+    from ..dataset.export.layouts import export as export_dataset
     from ..dataset.folder import read_manifest
     from ..dataset.remote import fetched
 

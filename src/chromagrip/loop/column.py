@@ -12,7 +12,7 @@ from ..control import GripObservation
 from ..scene.scene import Mechanics
 from ..sensing.contact import Contact
 from ..sensing.reader import Reading
-from .pinch_world import Pinched
+from .pinch.world import Pinched
 from .sample import Sample
 
 Array = NDArray[np.float64]

@@ -29,7 +29,7 @@ from ..tracking import SensorCalibration
 from .dome_world import DomePlant
 from .latency import Arrived, Delivery, arrivals, checked_force
 from .methods import Methods, readable
-from .pinch_world import PinchPlant
+from .pinch.world import PinchPlant
 from .sample import Sample, Truth
 from .world import ChainPlant, Plant, World
 

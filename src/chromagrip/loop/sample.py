@@ -12,7 +12,7 @@ from ..render import Frame
 from ..sensing.contact import Contact
 from ..sensing.reader import Reading
 from ..tracking import Tracks
-from .pinch_world import Pinched
+from .pinch.world import Pinched
 
 
 @dataclass(frozen=True, kw_only=True)

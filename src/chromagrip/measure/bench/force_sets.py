@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...by_name import Choice
+from ...by_name import Choice, named
 from ...errors import UserError
 from ...output.processes import map_processes
 from ...thesis import OBJECTS
@@ -16,7 +16,6 @@ from ..beyond.groups import BEYOND, beyond_scenes
 from ..worlds.force_scenes import ForceScene
 from ..worlds.force_scores import READ, Answers, answers, limits, refused, truth
 from ..worlds.grasps import LIBRARY, scenes
-from .methods import named
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...by_name import Choice
+from ...by_name import Choice, named
 from ...errors import UserError
 from ...extras import missing
 from ...output.processes import one_thread
@@ -37,7 +37,6 @@ from ..worlds.track_scores import (
     scores,
     tracker_class,
 )
-from .methods import named
 
 #: Frames of a scene.
 FRAMES = ROUND

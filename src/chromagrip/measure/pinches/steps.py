@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...loop.pinch_world import PinchPlant
+from ...loop.pinch.world import PinchPlant
 from ...model import Dome, Solid
 from ...model.pinch import Pinch, PinchRun, box_body, pinch_rest, simulate_pinch
 from ...model.shapes import box

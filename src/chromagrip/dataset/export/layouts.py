@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError
-from ..render import LAYERS
-from .folder import Place, link
+from ...errors import UserError
+from ...render import LAYERS
+from ..folder import Place, link
+from ..read import Loaded, check_shared, verified
+from ..remote import fetched, staged
+from ..split import read_split
 from .lerobot import write_lerobot
-from .read import Loaded, check_shared, verified
-from .remote import fetched, staged
-from .split import read_split
 
 #: Called with the number of sequences that are done.
 Progress = Callable[[int], None]

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import located
-from ..model import DomeState, Solid, dome_forces
-from ..model.dome import follow_dome_slip, no_dome_slip
-from ..model.pinch import (
+from ...errors import located
+from ...model import DomeState, Solid, dome_forces
+from ...model.dome import follow_dome_slip, no_dome_slip
+from ...model.pinch import (
     Pinch,
     PinchRecord,
     PinchState,
@@ -17,11 +17,11 @@ from ..model.pinch import (
     follow_pinch,
     pinch_rest,
 )
-from ..scene.fingers import build_pinch
-from ..scene.scene import Scene
-from ..sensing.contact import Contact, dome_contact, of_dome
-from .dome_world import changed_solid, solid_at
-from .world import Clock, World, drive_forces
+from ...scene.fingers import build_pinch
+from ...scene.scene import Scene
+from ...sensing.contact import Contact, dome_contact, of_dome
+from ..dome_world import changed_solid, solid_at
+from ..world import Clock, World, drive_forces
 
 Array = NDArray[np.float64]
 

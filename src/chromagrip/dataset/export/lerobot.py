@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError
-from ..extras import need
-from ..output.video import VideoFile
-from .labels import INTERVALS, STATES
-from .read import Loaded
+from ...errors import UserError
+from ...extras import need
+from ...output.video import VideoFile
+from ..labels import INTERVALS, STATES
+from ..read import Loaded
 
 if TYPE_CHECKING:
     import pyarrow as pa

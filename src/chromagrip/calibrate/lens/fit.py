@@ -7,9 +7,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..errors import UserError
-from ..render import FisheyeCamera, PinholeCamera
-from .board_corners import MIN_CORNERS, MIN_IMAGES, Array, View, check_count, on_a_line
+from ...errors import UserError
+from ...render import FisheyeCamera, PinholeCamera
+from .corners import MIN_CORNERS, MIN_IMAGES, Array, View, check_count, on_a_line
 
 #: Angles from the axis within which corners are used, in turn [rad]: OpenCV's fisheye divides by a
 #: point's depth, which is zero at 90°.

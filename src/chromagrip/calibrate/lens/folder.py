@@ -8,12 +8,12 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from ..errors import UserError
-from ..render import FisheyeCamera, PinholeCamera
-from ..render.optics import Board
-from ..stored_pictures import MEGAPIXELS
-from .board_corners import MIN_CORNERS, View, check_count, find_corners, on_a_line, read_image
-from .lens_fit import Fit, calibrate_fisheye, calibrate_pinhole
+from ...errors import UserError
+from ...render import FisheyeCamera, PinholeCamera
+from ...render.optics import Board
+from ...stored_pictures import MEGAPIXELS
+from .corners import MIN_CORNERS, View, check_count, find_corners, on_a_line, read_image
+from .fit import Fit, calibrate_fisheye, calibrate_pinhole
 
 ModelName = Literal["fisheye", "pinhole"]
 

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError
-from ..render.optics import Board
-from ..stored_pictures import MEGAPIXELS, decoded
+from ...errors import UserError
+from ...render.optics import Board
+from ...stored_pictures import MEGAPIXELS, decoded
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
