@@ -304,7 +304,7 @@ def test_what_is_for_one_finger_is_refused() -> None:
     with pytest.raises(UserError, match=r"only load, object\.friction and object\.stiffness_kpa"):
         rig.change(msgspec.structs.replace(rig.scene, pinch=heavier))
     loaded = LoadSettings(times_s=(0.0,), forces_n=(1.0,))
-    with pytest.raises(UserError, match="load is for one finger;"):
+    with pytest.raises(UserError, match=r"load.times_s = .* is for one finger;"):
         rig.change(msgspec.structs.replace(rig.scene, load=loaded))
     with pytest.raises(UserError, match=r"^frames from outside are those of one finger; this"):
         run_outside(scene(path="camera"), "camera:0")
@@ -314,7 +314,7 @@ def test_what_is_for_one_finger_is_refused() -> None:
     ("changes", "sentence"),
     [
         ({"body": "chain"}, 'for body = "dome"'),
-        ({"load.forces_n": [0.1, 0.2]}, "load is for one finger"),
+        ({"load.forces_n": [0.1, 0.2]}, "load.forces_n = (0.1, 0.2) is for one finger"),
         ({"object.shape": "ball", "object.size_mm": [], "object.rounding_mm": 0.0}, "with an end"),
         ({"pinch.hand_mm": [[0.0, 0.0, 0.0]]}, "hand_times_s has 3 entries and hand_mm 1"),
         ({"pinch.hand_times_s": [0.1, 0.2, 0.3]}, "increase from 0"),
