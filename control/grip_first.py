@@ -136,12 +136,12 @@ class GripFirst:
 
 
 def grown(time: float) -> float:
-    """Share of the growth that is reached when an object may have slid for this time [s]."""
+    """Share of the growth that is reached after a time of possible sliding [s]."""
     return min(time / GROWTH_S, 1.0)
 
 
 def lower_margin(observation: GripObservation) -> float:
-    """Lower end of the interval of Γ, or Γ itself where it has none; NaN without contact.
+    """Lower end of the interval of Γ, or Γ itself if its interval is unknown; NaN without contact.
 
     It is at least 0, the Γ of an object that slides.
     """
