@@ -143,7 +143,7 @@ def test_what_breaks_a_grasp_is_told_and_the_next_one_goes_on(
             if watched.told and watched.told[-1]:
                 break
             time.sleep(0.02)
-        assert "the grasp broke off (AttributeError: " in watched.told[-1]
+        assert "the grasp failed (AttributeError: " in watched.told[-1]
         session.ask(replace(session.sliders, latency=2))
         until(watched, 3)
         session.check()
