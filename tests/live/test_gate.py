@@ -134,7 +134,7 @@ def test_addresses_that_cannot_be_used(typed: Typed) -> None:
         (("dome-1", "--run", "x"), "--run has a scene of its own"),
         (("--source", "x"), "--source needs --calibration"),
         (("--source", "x", "--run", "y"), "--run and --source are two pages"),
-        (("--source", "x", "--calibration", "flat-2019"), "is of a flat pad"),
+        (("--source", "x", "--calibration", "flat-2019"), "is for a flat pad"),
     ):
         done = typed("live", *words)
         assert done.returncode == 2

@@ -216,5 +216,5 @@ def test_what_cannot_change_is_refused() -> None:
     with pytest.raises(UserError, match=r"only load, object\.friction and object\.stiffness_kpa"):
         rig.change(msgspec.structs.replace(scene, seed=3))
     turned = msgspec.structs.replace(scene.load, twists_nmm=(0.0, 1.0, 1.0))
-    with pytest.raises(UserError, match="held along rz"):
+    with pytest.raises(UserError, match="cannot move along rz"):
         rig.change(msgspec.structs.replace(scene, load=turned))
