@@ -10,7 +10,7 @@ from .values import GripCommand, GripObservation
 
 
 class Controller(Protocol):
-    """Commands a grip force at each observation, in order of time."""
+    """Computes a grip force from each observation, in order of time."""
 
     def reset(self) -> None:
         """Forget all observations; the next one starts a new grasp."""
@@ -79,12 +79,12 @@ class SafetyMarginControl:
 class ReactToSlip:
     """Adds a fixed force at each slip event (thesis Eq. 9 with E12).
 
-    Where the lateral displacement is known, an event is another `displacement_mm` since the last
-    event. On the camera path it is unknown, and an object that slides at constant friction leaves
-    the skin as it is: the image does not show how far it slides, nor, but for Γ, that it does.
-    There the mean of Γ over `hold_s` below `margin` is an event, and another one if it stays below
-    for as long again. Where frames leave sliding open for as long without such an event, the force
-    rises to the least grip in doubt, see `GripFirst`.
+    If the lateral displacement is known, an event is another `displacement_mm` since the last
+    event. On the camera path it is unknown: an object that slides at constant friction does not
+    move the skin, so only Γ shows that it slides. There the mean of Γ over `hold_s` below `margin`
+    is an event, and another one if it stays below for as long again. If frames do not exclude
+    sliding for as long without such an event, the force rises to the least grip in doubt, see
+    `GripFirst`.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class ReactToSlip:
             self._force = max(self._force, first.least)
 
     def _low_margin(self, observation: GripObservation) -> bool:
-        """Whether the mean of Γ is low, over as long as is asked."""
+        """Return True if the mean of Γ over `hold_s` is below `margin`."""
         if math.isnan(observation.margin):
             self._margins.clear()
             return False
@@ -149,7 +149,7 @@ class ConservativeControl:
         self.settings = settings
 
     def reset(self) -> None:
-        """Nothing to forget."""
+        """Do nothing: there is no state."""
 
     def command(self, observation: GripObservation) -> GripCommand:
         """Grip force for this observation."""

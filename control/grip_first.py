@@ -158,7 +158,7 @@ class GripFirst:
 
 
 def grown(time: float, growth_s: float) -> float:
-    """Share of the growth that is reached when an object may have slid for this time [s].
+    """Share of the growth that is reached after a time of possible sliding [s].
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def grown(time: float, growth_s: float) -> float:
 
 
 def lower_margin(observation: GripObservation) -> float:
-    """Lower end of the interval of Γ, or Γ itself where it has none; NaN without contact.
+    """Lower end of the interval of Γ, or Γ itself if its interval is unknown; NaN without contact.
 
     It is at least 0, the Γ of an object that slides.
     """

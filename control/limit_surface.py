@@ -77,11 +77,11 @@ class LimitSurfaceControl(MarginInversion):
 
 
 def grip_factor(pull: float, turn: float, allowed: float) -> float:
-    """Factor s on the grip with (pull/s)² + (turn/s^(4/3))² = allowed².
+    """Solve (pull/s)² + (turn/s^(4/3))² = allowed² for the factor s on the grip.
 
     Parameters
     ----------
-    pull, turn: shares of what is borne of friction alone and of torsion alone, not both 0
+    pull, turn: friction and torsion, each as a share of the largest carried alone; not both 0
     allowed: share of the limit surface that may be used
     """
     a, b = (pull / allowed) ** 2, (turn / allowed) ** 2

@@ -1,8 +1,8 @@
-"""Signs of sliding in addition to Γ: friction that follows the grip.
+"""Detection of sliding in addition to Γ: friction that follows the grip.
 
-Friction of an object that is held is the load, whatever the grip is. Friction of an object that
-slides is µ times the grip. So a grip that changes tells them apart, without a value of µ. While the
-grip stays the same, they look alike.
+Friction of a held object equals the load, whatever the grip is. Friction of a sliding object is
+µ times the grip. So a change of the grip distinguishes them, without a value of µ. At a constant
+grip they look alike.
 """
 
 import math
@@ -66,13 +66,13 @@ class FollowingFriction:
         self._slid_at = math.nan
 
     def see(self, time: float, normal: float, friction: float, near: bool) -> bool:
-        """Follow a frame; returns whether it was compared, or came too soon after another.
+        """Follow a frame; returns False if it came too soon after another to be compared.
 
         Parameters
         ----------
-        time: of the frame [s]
-        normal, friction: ΣFn and ΣFf [N]; without either, all frames are forgotten
-        near: whether Γ is so low that sliding may begin to be believed
+        time: instant of the frame [s]
+        normal, friction: ΣFn and ΣFf [N]; if one is 0, all frames are forgotten
+        near: whether Γ is so low that sliding is plausible
         """
         settings = self._settings
         if not (normal > 0.0 and friction > 0.0):
@@ -100,7 +100,7 @@ class FollowingFriction:
         return True
 
     def _looks_like_sliding(self, start: float) -> bool:
-        """Whether since then friction changed as the grip did, or rose while the grip did not."""
+        """Return True if friction since `start` changed as the grip did, or rose without it."""
         settings = self._settings
         frames = [(n, f) for time, n, f in self._frames if time >= start - 1e-9]
         normals, frictions = [n for n, _ in frames], [f for _, f in frames]

@@ -16,7 +16,7 @@ UNKNOWN = (math.nan, math.nan)
 
 @dataclass(frozen=True, kw_only=True)
 class GripObservation:
-    """Forces, friction and margin that were estimated from a frame.
+    """Forces, friction and margin estimated from a frame.
 
     Attributes
     ----------
@@ -25,24 +25,23 @@ class GripObservation:
     friction: friction coefficient µ; NaN before the first contact
     friction_interval: 90 % interval of µ
     friction_observable: whether µ was observable in a frame so far; in a pure press it is not (E7)
-    margin: safety margin Γ; NaN without contact. A controller is given the margin that it is to
-        hold in this place: the smaller of Γ and `limit_margin`, where the scene does not say
-        `held_margin = "friction"`
-    margin_interval: 90 % interval of it
-    lateral_displacement: of the object over the fingertip [m]; NaN on the camera path, where the
-        object's motion is not in the image
-    no_estimate: reason for which no forces could be estimated; empty when they were
+    margin: safety margin Γ; NaN without contact. For a controller it is the margin to hold: the
+        smaller of Γ and `limit_margin`, unless the scene has `held_margin = "friction"`
+    margin_interval: 90 % interval of `margin`
+    lateral_displacement: displacement of the object over the fingertip [m]; NaN on the camera path,
+        where the image does not show the object's motion
+    no_estimate: reason for missing forces; empty if they were estimated
     direction: azimuth of the friction on the sensor, from its x axis towards its y axis [rad]; NaN
-        where it was not estimated
-    out_of_plane: share of the lateral motion of the skin that is across that direction; NaN where
-        it was not estimated
-    twist: turn of the contact about the grip axis [rad]; NaN where it was not estimated
-    limit_margin: margin of friction and torsion together against what the contact can bear of both,
-        which is at most Γ; NaN without a torque, as of a chain
-    limit_margin_interval: 90 % interval of it
+        if unknown
+    out_of_plane: share of the lateral motion of the skin that is across that direction; NaN if
+        unknown
+    twist: turn of the contact about the grip axis [rad]; NaN if unknown
+    limit_margin: margin of friction and torsion together against the largest that the contact can
+        carry, which is at most Γ; NaN if the torque is unknown, such as for a chain
+    limit_margin_interval: 90 % interval of `limit_margin`
     torsion: torque of the friction about the contact's normal, through its middle [N·m]; NaN as
         `limit_margin`
-    torsion_borne: largest that friction bears of it where nothing pulls [N·m]; NaN as `torsion`
+    torsion_borne: largest torsion that friction carries without a pull [N·m]; NaN as `torsion`
     """
 
     time: float
@@ -64,7 +63,7 @@ class GripObservation:
 
     @property
     def force(self) -> Array:
-        """Force of the object on the sensor along x, y, z [N], shape (3,); NaN of a chain.
+        """Force of the object on the sensor along x, y, z [N], shape (3,); NaN for a chain.
 
         A press has a negative z.
         """
@@ -72,22 +71,22 @@ class GripObservation:
 
     @property
     def force_deviation(self) -> Array:
-        """Standard deviations of `force` [N], shape (3,); 0 of the truth, NaN where unknown."""
+        """Standard deviations of `force` [N], shape (3,); 0 for the truth, NaN if unknown."""
         return self._wrench_deviation[:3]
 
     @property
     def torque(self) -> float:
-        """Torque of the object on the sensor about the grip axis, its z [N·m]; NaN of a chain."""
+        """Torque of the object on the sensor about the grip axis z [N·m]; NaN for a chain."""
         return float(self._wrench[3])
 
     @property
     def torque_deviation(self) -> float:
-        """Standard deviation of `torque` [N·m]; 0 of the truth, NaN where unknown."""
+        """Standard deviation of `torque` [N·m]; 0 for the truth, NaN if unknown."""
         return float(self._wrench_deviation[3])
 
     @property
     def torsion_counts(self) -> bool:
-        """Whether `margin` is that of friction and torsion together."""
+        """True if `margin` is that of friction and torsion together."""
         return self.margin == self.limit_margin
 
     @property

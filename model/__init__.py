@@ -1,12 +1,12 @@
-"""What is true: the fingertip and the object that it touches, as one of two bodies.
+"""Mechanics of the fingertip and the object that it touches, for two bodies.
 
-The chain is the thesis's node model, c·u̇ + K(u)·u = F_contact (thesis Eq. 2), a slice. The dome is
-silicone in three dimensions; `simulate_contact` moves any object over it.
+The chain is the thesis's node model, c·u̇ + K(u)·u = F_contact (thesis Eq. 2), of a slice. The dome
+is silicone in three dimensions; `simulate_contact` moves any object over it.
 
 u are the displacements of the nodes, c their dampers, K the springs between rigid part, tissue and
-membrane, and F_contact the penalty and Dahl friction forces of the object. `simulate` steps it in
-time, `equilibrium` solves it at rest, and `contact_forces` is the truth that estimates are compared
-with.
+membrane, and F_contact the penalty and Dahl friction forces of the object. `simulate` steps the
+chain in time, and `equilibrium` solves it at rest. `contact_forces` returns the true forces, with
+which estimates are compared.
 """
 
 from .chain.assembly import check_fit

@@ -1,4 +1,4 @@
-"""Contact forces on the chain's nodes: one type for the truth and for every estimate."""
+"""Contact forces on the nodes: one type for the truth and for every estimate."""
 
 import math
 from dataclasses import dataclass
@@ -29,10 +29,10 @@ class FrictionReading:
     deviation: standard deviation of µ
     observable: whether µ can be estimated from the image; from a pure press it cannot (E7)
     totals_covariance: covariance of µ with (ΣFn, ΣFf) [N], shape (2,)
-    margin_deviation: standard deviation of Γ with this µ, where it was learned; NaN where it
-        follows from those of µ and the sums
-    logarithmic: whether the error is one of ln µ, of which the deviation over µ is the standard
-        deviation, also where µ is not observable: what was known before the image is part of it
+    margin_deviation: standard deviation of Γ with this µ, if it was learned; NaN if it follows from
+        those of µ and the sums
+    logarithmic: whether the error is one of ln µ, with standard deviation `deviation` / µ; it then
+        includes prior knowledge, also if µ is not observable
     """
 
     value: float
@@ -45,11 +45,11 @@ class FrictionReading:
 
 @dataclass(frozen=True, kw_only=True)
 class LoadPlane:
-    """Plane through the sensor's axis in which an estimate found the load, and what is not in it.
+    """Plane through the sensor's axis in which an estimate found the load, and motion out of it.
 
     Attributes
     ----------
-    azimuth: of the plane's +x, from the sensor's [rad]
+    azimuth: azimuth of the plane's +x, from the sensor's [rad]
     out_of_plane: share of the shear that is across the plane
     twist: turn of the skin at the apex about the sensor's axis [rad]
     """
@@ -68,17 +68,18 @@ class ForceField:
     position: deformed node positions (x, z) of a chain, or (x, y, z) of a dome, in the sensor frame
         [m], shape (N, 2) or (N, 3)
     normal: normal force, positive in compression [N], shape (N,)
-    friction: friction on the node [N]; of a chain signed along the object's tangent, +x on a flat
-        one, shape (N,); of a dome a vector, shape (N, 3)
+    friction: friction on the node [N]; for a chain signed along the object's tangent, +x on a flat
+        one, shape (N,); for a dome a vector, shape (N, 3)
     contact: nodes in contact, shape (N,)
     totals_covariance: covariance of (ΣFn, ΣFf) of an estimate [N²], shape (2, 2); zero for truth
     spread: factor S of the covariance S·Sᵀ of an estimate's nodal forces, normal then friction
-        [N], shape (2N, R); None where it is not known
-    friction_reading: µ, where it is read off the image together with the forces
-    plane: that the forces are in, where it is read off the image; None is the sensor's x–z plane
-    directions: of a dome's normal forces, away from the object, shape (N, 3); None for a chain
+        [N], shape (2N, R); None if it is unknown
+    friction_reading: estimate of µ from the image, if there is one
+    plane: plane of the forces, if it was estimated; None: the sensor's x–z plane
+    directions: directions of a dome's normal forces, away from the object, shape (N, 3); None for a
+        chain
     wrench_covariance: covariance of (F_x, F_y, F_z) [N] and the torque M_z about the sensor's axis
-        [N·m], see `wrench`, shape (4, 4); zero for truth, None where it is not known
+        [N·m], see `wrench`, shape (4, 4); zero for truth, None if it is unknown
     """
 
     position: Array
@@ -169,7 +170,7 @@ class ForceField:
 
 
 def contact_forces(fingertip: Fingertip, obj: ContactObject, state: State) -> ForceField:
-    """Contact forces of a state of the node model: the truth that estimates are scored against."""
+    """Contact forces of a state of the node model: the truth against which estimates are scored."""
     deformation = state.deformation
     ch = chain(fingertip)
     ground = ch.rest + deformation.nodes

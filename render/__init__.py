@@ -1,4 +1,4 @@
-"""What the camera sees of two layers of coloured markers on a deformed skin.
+"""The camera's picture of two layers of coloured markers on a deformed skin.
 
 The light of a pixel is
 
@@ -7,8 +7,8 @@ The light of a pixel is
 with the light of the unmarked sensor (`ground`), the share of the pixel that a layer's markers
 cover (`covered`), the transmittance of its dye, and the blur of the lens. The skin carries the
 markers (`harmonics`, `membrane`) and the camera projects them through the silicone's surface
-(`optics`, `outlines`). `design` has the sensors, `drawing` the renderers, and `flaws` turns an
-ideal image into a real camera's.
+(`optics`, `outlines`). `design` describes the sensors, `drawing` has the renderers, and `flaws`
+turns an ideal image into a real camera's.
 """
 
 from .colour import decode_srgb, decoding_table, encode_srgb, encoding_table

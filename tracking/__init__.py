@@ -4,7 +4,7 @@ A tracker fits the light of each marker pair's pixels,
 argmin Σ (I − γ·ground·(1 − a₀·C₀ − a₁·C₁ + b·C₀₁))²/σ², see `fit`.
 A reconstructor estimates forces from the displacements y of the markers,
 f = argmin |y − J·K⁻¹·f|² + prior(f), see `forces`.
-Both know the pixels, the rest frames and the calibration, and nothing else.
+Both get only the pixels, the rest frames and the calibration.
 """
 
 from .detection import (

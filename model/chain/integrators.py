@@ -88,26 +88,29 @@ def simulate(
     half: bool = False,
     friction: bool = True,
 ) -> History:
-    """Run the plant under a drive.
+    """Simulate the node model under a drive.
 
     Parameters
     ----------
-    fingertip, obj: the plant
+    fingertip: chain
+    obj: object
     drive: grip and load over time
-    dt: step [s]; the longest one for the adaptive methods
+    dt: step; the longest one for the adaptive methods [s]
     duration: length of the run, a whole number of steps [s]
-    method: a name in INTEGRATORS, `module:Class`, a class or other factory, or an Integrator
-    state: where to start; None is the undeformed fingertip at time 0
-    every: number of steps between records
-    half: compute the right half only and mirror it: exact while nothing moves sideways
-    friction: False leaves friction out, for presses whose tangential forces do not matter
+    method: name in INTEGRATORS, `module:Class`, a class or other factory, or an Integrator (default
+        `implicit`)
+    state: state at the start (default: the undeformed fingertip at time 0)
+    every: number of steps between records (default 1)
+    half: whether only the right half is computed and mirrored: exact without motion sideways
+    friction: whether friction is computed; False suits presses without tangential forces of
+        interest
 
     Raises
     ------
     UserError
         For a step or a method that cannot be used, and for a half chain that is loaded sideways.
     ModelError
-        When the run cannot go on; DivergedError where an explicit method lost the state.
+        When the run fails; DivergedError if an explicit method diverged.
     """
     integrator: Integrator = INTEGRATORS.build(method)
     if not (np.isfinite([dt, duration]).all() and dt > 0.0 and duration > 0.0):

@@ -66,20 +66,21 @@ def equilibrium(
     state: State | None = None,
     parts: int = 40,
 ) -> State:
-    """State in which every force is balanced, after raising the grip and then the load.
+    """Solve for the state in balance after raising the grip and then the load.
 
     Parameters
     ----------
-    fingertip, obj: the plant
+    fingertip: chain
+    obj: object
     grip: force on the rigid part along z, above 0 [N]
-    load: force on the object along x [N]
-    state: where the path begins; None is rest, and a given state is loaded in one go
-    parts: equal parts in which grip and load are raised from 0 each
+    load: force on the object along x (default 0) [N]
+    state: state at the start, loaded in one part (default: rest, loaded in `parts`)
+    parts: number of equal parts in which grip and load are each raised from 0 (default 40)
 
     Raises
     ------
     NoEquilibriumError
-        When friction cannot hold the load, so that the object slides for ever.
+        When friction cannot hold the load, so that the object keeps sliding.
     PiercedError
         When the object is too soft for the grip.
     ConvergenceError

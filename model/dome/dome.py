@@ -12,13 +12,13 @@ from ..checks import finite, within
 
 Array = NDArray[np.float64]
 
-#: Pitch of the nodes as a share of the radius, of a dome and of a pad, where none is given.
+#: Default pitch of the nodes of a dome and of a pad, as a share of the radius.
 PITCH, PAD_PITCH = 1 / 20, 1 / 32
-#: Thickness over radius of the dome whose law of stiffening a pad has.
+#: Thickness over radius of the dome whose law of stiffening is used for a pad.
 _FLAT = 0.05
-#: Circle around a pad on which nothing moves, as a share of half its side.
+#: Radius of the circle around a pad outside of which the skin does not move, over half its side.
 _FAR = 2.0
-#: Way of a free object in a step that is no leap, as a share of a dome's radius.
+#: Longest allowed step of a free object, as a share of a dome's radius.
 _STRIDE = 0.2
 #: The golden angle [rad]; each ring of nodes is turned by it, so that no two rings line up.
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
@@ -30,12 +30,12 @@ class Dome:
 
     Attributes
     ----------
-    radius: of the skin [m]
+    radius: radius of the skin [m]
     core: radius of the rigid core [m]
     young, poisson: Young's modulus [Pa] and Poisson's ratio of the silicone
-    pitch: distance between neighbouring nodes of the skin [m]; None is a twentieth of the radius
-    reach: angle from the apex up to which the skin has nodes, and may touch an object [rad]
-    relaxation: time constant of Kelvin–Voigt viscosity [s]; 0 is elastic
+    pitch: distance between neighbouring nodes of the skin [m] (default: a twentieth of the radius)
+    reach: angle from the apex up to which the skin has nodes, and can touch an object [rad]
+    relaxation: time constant of Kelvin–Voigt viscosity [s]; 0: elastic
     stiffening: whether the skin stiffens as it is pressed towards the core
     """
 
@@ -74,7 +74,7 @@ class Dome:
 
     @property
     def stride(self) -> float:
-        """Way of a free object in a step, beyond which it might leap through the silicone [m]."""
+        """Longest step of a free object: a longer one could pass through the silicone [m]."""
         return _STRIDE * self.radius
 
     @property
@@ -88,12 +88,12 @@ class Dome:
         return len(lattice(self).ring)
 
     def with_thickness(self, thickness: float) -> Self:
-        """The same with another thickness of the silicone [m]."""
+        """Copy with another thickness of the silicone [m]."""
         return replace(self, core=self.radius - thickness)
 
     @property
     def end(self) -> float:
-        """Place at which nothing moves any more: the equator [rad]."""
+        """Place from which on the skin does not move: the equator [rad]."""
         return math.pi / 2
 
     def places(self, pitch: float) -> Array:
@@ -101,7 +101,7 @@ class Dome:
         return replace(self, pitch=pitch).lattice().places
 
     def onto(self, points: Array) -> Array:
-        """Points (P, 3) on the skin, straight below or above those near it."""
+        """Project points (P, 3) near the skin onto it, along its normal."""
         return points * (self.radius / np.linalg.norm(points, axis=1, keepdims=True))
 
     def lattice(self) -> "Lattice":
@@ -130,15 +130,15 @@ class Dome:
 class Pad:
     """Flat layer of silicone that is bonded to a rigid base, its skin in the plane z = 0.
 
-    The silicone goes on beyond the sides of the pad. A contact four thicknesses from a side or
-    farther hardly feels that.
+    The modelled silicone continues outside the sides of the pad. This hardly changes a contact four
+    thicknesses from a side or farther.
 
     Attributes
     ----------
-    radius: half of its side, and of the disc on which the skin has nodes and may touch [m]
-    thickness: of the silicone [m]
-    young, poisson, relaxation, stiffening: as of a `Dome`
-    pitch: distance between neighbouring nodes of the skin [m]; None is a 32nd of `radius`
+    radius: half of the side, and radius of the disc on which the skin has nodes and can touch [m]
+    thickness: thickness of the silicone [m]
+    young, poisson, relaxation, stiffening: see `Dome`
+    pitch: distance between neighbouring nodes of the skin [m] (default: a 32nd of `radius`)
     """
 
     radius: float = 18e-3
@@ -168,12 +168,12 @@ class Pad:
 
     @property
     def stride(self) -> float:
-        """As of a `Dome` [m]."""
+        """Longest step of a free object, see `Dome` [m]."""
         return 0.8 * self.thickness
 
     @property
     def slenderness(self) -> float:
-        """As of a `Dome`; a pad follows the law of a thin one."""
+        """Thickness over radius of a thin dome, whose law of stiffening is used for a pad."""
         return _FLAT
 
     @property
@@ -182,18 +182,18 @@ class Pad:
         return len(lattice(self).ring)
 
     def with_thickness(self, thickness: float) -> Self:
-        """The same with another thickness of the silicone [m]."""
+        """Copy with another thickness of the silicone [m]."""
         return replace(self, thickness=thickness)
 
     @property
     def end(self) -> float:
-        """Place at which nothing moves any more: a circle beyond the corners [m]."""
+        """Place from which on the skin does not move: a circle outside the corners [m]."""
         return _FAR * self.radius
 
     def places(self, pitch: float) -> Array:
-        """Places of points a pitch [m] apart: way from the middle [m] and azimuth [rad], (N, 2).
+        """Places of points a pitch apart: distance from the middle [m], azimuth [rad], (N, 2).
 
-        They reach to the corners, where the skin has no nodes.
+        They extend to the corners, where the skin has no nodes.
         """
         rings = _middles(math.sqrt(2.0) * self.radius + pitch, pitch)
         ring, azimuth = _around(rings, pitch)
@@ -203,7 +203,7 @@ class Pad:
         return np.column_stack([way, azimuth])[inside]
 
     def onto(self, points: Array) -> Array:
-        """Points (P, 3) on the skin, as of a `Dome`."""
+        """Project points (P, 3) onto the disc of nodes."""
         off = np.linalg.norm(points[:, :2], axis=1, keepdims=True)
         return points * (np.minimum(1.0, self.radius / np.maximum(off, 1e-12)) * [1.0, 1.0, 0.0])
 
@@ -234,12 +234,12 @@ class Lattice:
     ----------
     angles: place of each ring, shape (K,): its angle from the apex of a dome [rad], its distance
         from the middle of a pad [m]
-    ring: ring of each node, shape (N,)
-    azimuth: of each node [rad], shape (N,)
+    ring: number of each node's ring, shape (N,)
+    azimuth: azimuth of each node [rad], shape (N,)
     points: places of the nodes from the centre of the sphere or the middle of the pad's skin [m],
         shape (N, 3)
     outwards: unit vectors out of the silicone, shape (N, 3)
-    areas: area of the skin that each node stands for [m²], shape (N,)
+    areas: area of the skin that belongs to each node [m²], shape (N,)
     """
 
     angles: Array
@@ -251,7 +251,7 @@ class Lattice:
 
     @property
     def places(self) -> Array:
-        """Places of the nodes on the skin: that of their ring, and azimuth [rad], (N, 2)."""
+        """Places of the nodes on the skin: place of the ring, and azimuth [rad], (N, 2)."""
         return np.column_stack([self.angles[self.ring], self.azimuth])
 
 

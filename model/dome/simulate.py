@@ -75,12 +75,14 @@ class DomeRun:
 
 
 def dome_forces(dome: SoftBody, state: DomeState, whole: bool = True) -> ForceField:
-    """Contact forces of a state: the truth that estimates are scored against.
+    """Contact forces of a state: the truth against which estimates are scored.
 
     Parameters
     ----------
-    whole: whether every node is where it is; if not, only those near the object are, and the others
-        where they rest, which is many times as fast
+    dome: dome or pad
+    state: state of the dome
+    whole: whether all nodes have their deformed positions (default); otherwise nodes far from the
+        object have their rest positions, which is many times as fast
     """
     normal = np.einsum("ij,ij->i", state.forces, state.normals)
     if whole:
@@ -100,11 +102,11 @@ def dome_forces(dome: SoftBody, state: DomeState, whole: bool = True) -> ForceFi
 
 
 def limit_margin(dome: SoftBody, solid: Solid, state: DomeState) -> float:
-    """Margin of a state against the limit surface of force and torsion; NaN with no contact.
+    """Margin of a state against the limit surface of force and torsion; NaN without contact.
 
-    It is 1 − 1/λ with the largest λ by which friction and torsion could both grow at the normal
-    forces as they are. Without torsion it is Γ on a flat object; on a round
-    one, friction towards the middle counts in ΣFf but not here.
+    It is 1 − 1/λ, with the largest λ by which friction and torsion could both grow at the present
+    normal forces. Without torsion it is Γ on a flat object; on a round one, friction towards the
+    middle counts in ΣFf but not here.
     """
     return margin_within(dome_forces(dome, state), solid.friction)
 
@@ -112,16 +114,19 @@ def limit_margin(dome: SoftBody, solid: Solid, state: DomeState) -> float:
 def contact_steps(
     dome: SoftBody, solid: Solid, motion: Motion, dt: float, start: DomeState | None = None
 ) -> Iterator[tuple[Stepper, StepCount]]:
-    """Steps of a dome while an object moves; for loops that look at it as they go.
+    """Step a dome while an object moves, for loops that use each step.
 
     Parameters
     ----------
-    dt: longest step [s]; every knot of the motion ends one
-    start: state to go on from; None is at rest
+    dome: dome or pad
+    solid: object
+    motion: motion of the object over time
+    dt: longest step [s]; every knot of the motion ends a step
+    start: state from which to go on (default: at rest)
 
     Yields
     ------
-    The dome after a step, always the same one, with its `state()`; and what the step took.
+    stepper after a step, always the same object, with its `state()`; and the cost of the step
     """
     finite("time step", dt, "s", above=0.0)
     stepper = Stepper(dome, solid, motion, start or resting(dome, solid, motion))
@@ -143,13 +148,18 @@ def simulate_contact(
 
     Parameters
     ----------
-    dt: longest step [s]; every knot of the motion ends one
-    start: state of a run to go on from, at a time of the same motion; None is at rest
-    keep: states that are kept, at even distances of steps
+    dome: dome or pad
+    solid: object
+    motion: motion of the object over time
+    dt: longest step (default 1 ms) [s]; every knot of the motion ends a step
+    start: state of a run from which to go on, at a time of the same motion (default: at rest)
+    keep: number of states that are kept, evenly over the steps (default 20)
 
     Raises
     ------
-    UserError: for an object in the dome at the start, too deep a press, a step without solution
+    UserError
+        For an object in the dome at the start, a press that is too deep, and a step without
+        solution.
     """
     if not isinstance(solid, Solid):
         raise UserError(f"a dome is touched by a Solid, got {solid!r}; make one: Solid(shape=…)")

@@ -1,4 +1,4 @@
-"""Sensor designs: skin, layout of the markers, layers, camera and ground, read from TOML."""
+"""Sensor designs, read from TOML: skin, marker layout, layers, camera and ground."""
 
 from .sensor import CameraSettings, Geodesic, Ring, Spiral
 

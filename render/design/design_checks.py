@@ -23,10 +23,10 @@ def check_markers(
 
     Parameters
     ----------
-    shape: of the skin
-    view: of the camera
-    places: of the markers on the skin, shape (n, 2)
-    depths, half_sizes: of the layers magenta and yellow [m]
+    shape: shape of the skin
+    view: view of the camera
+    places: places of the markers on the skin, shape (n, 2)
+    depths, half_sizes: depths and half sizes of the layers magenta and yellow [m], shape (2,)
     square: whether markers are squares, not discs
 
     Raises
@@ -37,12 +37,12 @@ def check_markers(
     layers = zip(("magenta", "yellow"), depths, half_sizes, strict=True)
     for name, depth, half in layers:
         points = shape.points(places, depth)
-        beyond = np.flatnonzero(shape.rim_distance(places) <= 0.0)
-        if len(beyond):
+        outside = np.flatnonzero(shape.rim_distance(places) <= 0.0)
+        if len(outside):
             raise UserError(
-                f"layout: {len(beyond)} markers, the first number {beyond[0]}, lie off the skin"
+                f"layout: {len(outside)} markers, the first number {outside[0]}, lie off the skin"
             )
-        # Discs touch at their diameter; squares of one orientation where both sides do.
+        # Discs touch at a distance of their diameter; parallel squares if both sides overlap.
         order = np.inf if square else 2
         close = scipy.spatial.KDTree(points).query_pairs(2 * half * np.sqrt(2.0))
         for i, j in sorted(close):

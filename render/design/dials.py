@@ -1,4 +1,4 @@
-"""Defects of a real sensor as dials."""
+"""Defects of a real sensor, as settings."""
 
 from typing import Annotated
 
@@ -17,41 +17,43 @@ Few = Annotated[int, Meta(ge=0, le=100)]
 
 
 class Defects(Table, frozen=True):
-    """Defects of a real sensor's images, each with a dial; all are off by default.
+    """Defects of a real sensor's images; all are off by default.
 
-    There is no dial for faded markers, because a renderer has one dye per layer.
+    Faded markers are not possible, because a renderer has one dye per layer.
 
     Attributes
     ----------
-    shot_noise_electrons: full well, the electrons of linear light 1; fewer are noisier, 0 is off
-    read_noise_electrons: standard deviation, of the full well above or of 10 000 [electrons]
+    shot_noise_electrons: full well, the electrons of linear light 1; fewer are noisier, 0: off
+    read_noise_electrons: standard deviation, for the full well above or one of 10 000 [electrons]
     vignette: share of light lost in the image's farthest corner; grows with the square of distance
     uneven_leds: largest deviation of the skin's illumination from its mean
-    defocus_px: standard deviation of a blur on top of the lens' own [px]
-    motion_blur: share of the frame's period that the shutter is open
+    defocus_px: standard deviation of a blur in addition to the lens' own [px]
+    motion_blur: share of the frame's period in which the shutter is open
     white_balance_drift: largest deviation of red over blue from its mean
-    drift_frames: in which the white balance wanders from one value to the next [frames]
+    drift_frames: time in which the white balance drifts from one value to the next [frames]
     gain_step: relative size of exposure jumps, up and down in turn around the nominal exposure
     gain_step_frames: mean time between jumps [frames]
     bayer: whether each pixel measures one colour, RGGB, and the others are interpolated
-    jpeg_quality: 1…100 as in libjpeg, in 4:2:2 as cameras send it; 0 is off
-    h264_crf: 1…51 as in x264, in 4:2:0, each frame by itself; 0 is off
+    jpeg_quality: 1…100 as in libjpeg, in 4:2:2 as cameras send it; 0: off
+    h264_crf: 1…51 as in x264, in 4:2:0, each frame by itself; 0: off
     dust: number of specks on the skin's image
     specular: number of LEDs that the silicone mirrors
-    missing_markers: share of each layer's markers that are not there
-    worn_markers: share of the outer layer's markers that are rubbed off, around the middle, where
-        the sensor touches: a patch with a ragged edge
-    seam_tint: strength of the gores' tinted seams, the design's or else four
-    misalignment_mm: shift of the yellow layer along the skin, and a turn of up to that at the rim
+    missing_markers: share of each layer's markers that are missing
+    worn_markers: share of the outer layer's markers that are rubbed off, in a patch with a ragged
+        edge around the middle, where the sensor touches
+    seam_tint: strength of the tint of the gores' seams (the design's seams, or four)
+    misalignment_mm: shift of the yellow layer along the skin, and largest shift at the rim by a
+        turn [mm]
     misplacement_mm: standard deviation of each marker's place, along each direction of the skin
-    crookedness_mm: the same of both layers' markers together
-    gore_misalignment_mm: shift of the yellow layer along the skin in the gore where it is largest;
-        each gore has a direction and a size of its own
-    rubbed_markers: share of each layer's markers of which a part is rubbed off
-    seam_width_mm: width of the gores' seams where they are widest; 0 is the design's
-    seam_wander_mm: how far a seam lies beside its half plane, and bends
-    seam_gaps: share of a seam's length where nothing is seen of it
-    glow: light in the middle beyond that of the design; what exceeds white is lost
+        [mm]
+    crookedness_mm: standard deviation of the place of a pair, common to both its markers [mm]
+    gore_misalignment_mm: largest shift of the yellow layer along the skin in a gore [mm]; each gore
+        has its own direction and size
+    rubbed_markers: share of each layer's markers that are partly rubbed off
+    seam_width_mm: largest width of the gores' seams [mm]; 0: the design's
+    seam_wander_mm: distance of a seam from its half plane, and of its bends [mm]
+    seam_gaps: share of a seam's length that is invisible
+    glow: additional light in the middle; light above white is clipped
     blotches: contrast of bluish and brownish clouds, as a share of the light
     grain: standard deviation of a fine structure of the skin, as a share of the light
     threads: number of hairs and threads of glue

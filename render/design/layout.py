@@ -34,23 +34,23 @@ def spiral(count: int, coverage: float) -> Array:
 
 @lru_cache(maxsize=16)
 def geodesic(count: int, coverage: float, pitch: float) -> Array:
-    """Markers in a golden-angle spiral, with a row of their own on the chain's meridian.
+    """Markers in a golden-angle spiral, and a row of markers on the chain's meridian.
 
-    The spiral is even in area and has no symmetry that could hide an error; its points that come
-    near the meridian's row are left out.
+    The spiral is even in area and has no symmetry that could hide an error; its points near the
+    meridian's row are omitted.
 
     Parameters
     ----------
-    count: markers in all
+    count: number of all markers
     coverage: largest angle from the apex [rad]
     pitch: angle between markers on the meridian [rad]
 
     Returns
     -------
-    Directions (θ, φ) [rad], shape (count, 2), read-only.
+    directions (θ, φ) [rad], shape (count, 2), read-only
     """
     arc = pitch * np.arange(1, int(coverage / pitch) + 1)
-    # The marker at the apex sits just off it: spherical coordinates are singular there.
+    # The marker at the apex is just off it: spherical coordinates are singular there.
     row = np.concatenate(
         [[[_APEX, 0.0]]] + [np.column_stack([arc, np.full_like(arc, phi)]) for phi in (0.0, np.pi)]
     )
@@ -65,7 +65,7 @@ def geodesic(count: int, coverage: float, pitch: float) -> Array:
             layout = np.concatenate([row, kept[: count - len(row)]])
             layout.setflags(write=False)
             return layout
-    raise UserError(f"no room for {count} markers beside a meridian row of {len(row)}")
+    raise UserError(f"no room for {count} markers with a meridian row of {len(row)}")
 
 
 def rings(counts: tuple[int, ...], pitch: float, turn: float) -> Array:
@@ -73,9 +73,9 @@ def rings(counts: tuple[int, ...], pitch: float, turn: float) -> Array:
 
     Parameters
     ----------
-    counts: markers of each ring, outwards
-    pitch: between rings, in the first coordinate
-    turn: of ring k's first marker from φ = 0, as a share of the ring's own spacing
+    counts: number of markers of each ring, outwards
+    pitch: distance between rings, in the first coordinate
+    turn: turn of a ring's first marker from φ = 0, as a share of the ring's own spacing
     """
     places = []
     for k, count in enumerate(counts):
@@ -86,16 +86,16 @@ def rings(counts: tuple[int, ...], pitch: float, turn: float) -> Array:
 
 
 def meridians(count: int, pitch: float, coverage: float, gap: float, turn: float) -> Array:
-    """Rows of markers on meridians, thinned where the meridians crowd towards the apex.
+    """Rows of markers on meridians, thinned towards the apex.
 
     Parameters
     ----------
-    count: meridians, evenly spaced over the full turn
-    pitch: between markers of a row, in the first coordinate
-    coverage: farthest place of a marker
-    gap: markers of neighbouring rows keep at least this apart; every second, fourth, … row is left
-        out of a ring until they do
-    turn: of the first meridian from φ = 0, as a share of their spacing
+    count: number of meridians, evenly spaced over the full turn
+    pitch: distance between markers of a row, in the first coordinate
+    coverage: largest first coordinate of a marker
+    gap: smallest distance between markers of neighbouring rows; only every second, fourth, … row
+        has a marker in a ring that would be denser
+    turn: turn of the first meridian from φ = 0, as a share of their spacing
     """
     places = [np.array([[_APEX * pitch, 0.0]])]
     for first in np.arange(pitch, coverage + 1e-9, pitch):
@@ -116,7 +116,7 @@ def grid(rows: int, columns: int, pitch: float) -> Array:
 
 
 def from_file(path: str, flat: bool) -> Array:
-    """Places from a CSV file with columns theta_deg, phi_deg (dome) or x_mm, y_mm (pad).
+    """Read places from a CSV file with columns theta_deg, phi_deg (dome) or x_mm, y_mm (pad).
 
     Raises
     ------

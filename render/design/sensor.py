@@ -30,8 +30,8 @@ Coverage = Annotated[float, Meta(ge=10.0, le=89.0)]
 Triple = tuple[Share, Share, Share]
 Colour = tuple[Level, Level, Level]
 
-#: Standard deviation, as a share, of the stiffness from specimen to specimen where a design says
-#: nothing: with it a 90 % interval holds castings that are a tenth too stiff or too soft.
+#: Default relative standard deviation of the stiffness from specimen to specimen: with it a 90 %
+#: interval holds castings that are a tenth too stiff or too soft.
 STIFFNESS_DEVIATION = 0.08
 
 #: Marker layers in the order of every array that has a layer axis.
@@ -88,16 +88,20 @@ class FromFile(Table, frozen=True, tag_field="kind", tag="file"):
 #: Layout of the markers.
 Layout = Geodesic | Spiral | Meridian | Grid | Ring | FromFile
 
-#: A camera's place, and where it must be.
+#: Refusal of a camera's place, with the allowed range.
 _ELSEWHERE = "camera.position_mm = {:g} must be {}: from elsewhere the camera cannot see the skin"
 
 
 class Dome(Table, frozen=True, tag_field="shape", tag="dome"):
     """A dome of soft, clear silicone around a hollow with the camera in it.
 
-    `stiffness_deviation` is the standard deviation of a specimen's stiffness from the design's, as
-    a share, which no picture of the unloaded sensor tells. `rim_deg` is the angle from the apex at
-    which the housing begins, which hides the skin and the markers beyond.
+    Attributes
+    ----------
+    radius_mm, hollow_mm: radii of the skin and of the hollow [mm]
+    index: refractive index of the silicone
+    stiffness_deviation: relative standard deviation of a specimen's stiffness from the design's,
+        which no picture of the unloaded sensor shows
+    rim_deg: angle from the apex at which the housing begins, which hides skin and markers [°]
     """
 
     radius_mm: Positive
@@ -122,11 +126,11 @@ class Dome(Table, frozen=True, tag_field="shape", tag="dome"):
         return self.hollow_mm * 1e-3
 
     def build(self) -> Skin:
-        """The skin at rest."""
+        """Build the skin at rest."""
         return DomeSkin(radius=self.radius_mm * 1e-3, rim=float(np.deg2rad(self.rim_deg)))
 
     def refuse(self, layout: Layout, camera_mm: float) -> None:
-        """Refuse a layout of markers, or a place of the camera, that does not fit."""
+        """Refuse a layout of markers, or a camera's place, that does not suit a dome."""
         if not self.room_mm > 0.0:
             raise UserError("skin.hollow_mm must be less than skin.radius_mm")
         if not abs(camera_mm) < self.hollow_mm:
@@ -134,12 +138,12 @@ class Dome(Table, frozen=True, tag_field="shape", tag="dome"):
 
 
 class Pad(Table, frozen=True, tag_field="shape", tag="pad"):
-    """A flat square pad of clear silicone, seen through its base."""
+    """A flat square pad of clear silicone, viewed through its base."""
 
     side_mm: Positive
     thickness_mm: Positive
     index: Annotated[float, Meta(ge=1.0, le=3.0)] = 1.41
-    stiffness_deviation = 0.0  # of a specimen; no estimator reads forces off a pad
+    stiffness_deviation = 0.0  # not used: no estimator has forces of a pad
 
     @property
     def room_mm(self) -> float:
@@ -157,11 +161,11 @@ class Pad(Table, frozen=True, tag_field="shape", tag="pad"):
         return -self.thickness_mm * 1e-3
 
     def build(self) -> Skin:
-        """The skin at rest."""
+        """Build the skin at rest."""
         return PadSkin(radius=self.side_mm * 0.5e-3)
 
     def refuse(self, layout: Layout, camera_mm: float) -> None:
-        """Refuse a layout of markers, or a place of the camera, that does not fit."""
+        """Refuse a layout of markers, or a camera's place, that does not suit a pad."""
         if isinstance(layout, Geodesic | Spiral | Meridian):
             raise UserError("layout.kind geodesic, spiral and meridian need a dome")
         if not camera_mm < -self.thickness_mm:
@@ -170,11 +174,15 @@ class Pad(Table, frozen=True, tag_field="shape", tag="pad"):
 
 
 class Markers(Table, frozen=True):
-    """Form of the markers, and how they follow the skin they sit in.
+    """Form of the markers, and how they follow the skin.
 
-    `stretch` is the share of the skin's in-plane stretch that an outline takes: 0 is a stiff dot
-    that only tilts, 1 is ink. `swell_mm` is the thickness of incompressible silicone that takes up
-    a press: outlines grow in area as it gets thinner; 0 leaves that out.
+    Attributes
+    ----------
+    form: `disc` or `square`
+    stretch: share of the skin's in-plane stretch that an outline follows: 0 is a stiff dot that
+        only tilts, 1 is ink
+    swell_mm: thickness of the incompressible silicone that is pressed [mm]: outlines grow in area
+        as it gets thinner; 0: they do not
     """
 
     form: Literal["disc", "square"] = "disc"
@@ -183,7 +191,15 @@ class Markers(Table, frozen=True):
 
 
 class Layer(Table, frozen=True):
-    """One layer of markers: diameter or side, depth under the skin, share of its motion, dye."""
+    """One layer of markers.
+
+    Attributes
+    ----------
+    size_mm: diameter or side of a marker [mm]
+    depth_mm: depth under the skin [mm]
+    follow: share of the skin's displacement that the layer follows
+    transmittance: transmittance of the dye in linear light, RGB
+    """
 
     size_mm: Positive
     depth_mm: NotNegative
@@ -192,10 +208,17 @@ class Layer(Table, frozen=True):
 
 
 class CameraSettings(Table, frozen=True, kw_only=True):
-    """Camera on the axis, in OpenCV's parameters; its lens from here or from a calibration file.
+    """Camera on the axis, in OpenCV's parameters; its lens is given here or by a calibration file.
 
-    `position_mm` is its height on the axis: from the sphere centre of a dome towards the apex, from
-    the skin of a pad (so negative). `blur_px` is the standard deviation of the lens' blur.
+    Attributes
+    ----------
+    model: model of the lens
+    width_px, height_px: size of the picture [px]
+    focal_px, centre_px, distortion: focal lengths [px], principal point [px] and coefficients
+    calibration: file of the lens, in place of these three
+    position_mm: height on the axis [mm]: from the sphere centre of a dome towards the apex, from
+        the skin of a pad (so negative)
+    blur_px: standard deviation of the lens' blur [px]
     """
 
     model: Literal["fisheye", "pinhole"] = "fisheye"
@@ -215,7 +238,7 @@ class CameraSettings(Table, frozen=True, kw_only=True):
             raise UserError("centre_px and distortion come from the calibration file")
 
     def build(self) -> Camera:
-        """The camera itself."""
+        """Build the camera."""
         if self.focal_px is None:
             return load_camera(self.calibration, (self.width_px, self.height_px))
         kind: type[FisheyeCamera | PinholeCamera]
@@ -235,7 +258,7 @@ class CameraSettings(Table, frozen=True, kw_only=True):
 
 
 class Seams(Table, frozen=True):
-    """Where the gores of the skin meet: half planes through the axis."""
+    """Seams between the gores of the skin, on half planes through the axis."""
 
     count: Annotated[int, Meta(ge=1, le=24)]
     width_mm: Positive
@@ -251,10 +274,14 @@ class Ground(Table, frozen=True):
 
 
 class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
-    """A whole sensor. What an estimator may know of it is its calibration.
+    """Design of a whole sensor; an estimator only gets its calibration.
 
-    `defects` are those of its specimens; a scene's own replace them one by one. `silicone` is what
-    the body `dome` is made of.
+    Attributes
+    ----------
+    description: one line for lists of designs
+    skin, layout, markers, magenta, yellow, camera, ground, seams: tables of the design
+    silicone: silicone of the body `dome`; None if it is unknown
+    defects: defects of its specimens; those of a scene replace them one by one
     """
 
     description: str
@@ -276,7 +303,7 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
             )
         skin = self.skin
         if self.silicone is not None:
-            self.silicone.body(self.shape.radius, self.shape.flat)  # refuses what makes none
+            self.silicone.body(self.shape.radius, self.shape.flat)  # refuses an invalid body
         skin.refuse(self.layout, self.camera.position_mm)
         for name, layer in zip(LAYERS, self.layers, strict=True):
             if layer.depth_mm >= skin.room_mm:
@@ -289,28 +316,28 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
 
     @property
     def dome(self) -> model.SoftBody:
-        """The silicone body, of a dome or of a pad.
+        """Body of silicone, a dome or a pad.
 
         Raises
         ------
         UserError
-            For a design that says nothing of it.
+            For a design without silicone.
         """
         if self.silicone is None:
-            raise UserError("the design says nothing of its silicone: it has no table [silicone]")
+            raise UserError("the silicone of the design is unknown: it has no table [silicone]")
         return self.silicone.body(self.shape.radius, self.shape.flat)
 
     def round_dome(self, reader: str) -> model.Dome:
-        """The silicone of a dome.
+        """Body of silicone, if it is a dome.
 
         Parameters
         ----------
-        reader: what needs it, for the refusal
+        reader: subject of the refusal, such as "the reconstructor contact"
 
         Raises
         ------
         UserError
-            For a pad, and for a design that says nothing of its silicone.
+            For a pad, and for a design without silicone.
         """
         body = self.dome
         if not isinstance(body, model.Dome):
@@ -334,7 +361,7 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
 
     @property
     def follow(self) -> Array:
-        """Share of the skin's displacement made by each layer, shape (2,)."""
+        """Share of the skin's displacement that each layer follows, shape (2,)."""
         return np.array([layer.follow for layer in self.layers])
 
     @property
@@ -344,7 +371,7 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
 
     @property
     def stiffness_deviation(self) -> float:
-        """Spread of the stiffness from specimen to specimen; 0 for a pad, which has no forces."""
+        """Relative deviation of the stiffness between specimens; 0 for a pad, without forces."""
         return self.skin.stiffness_deviation
 
     @cached_property
@@ -395,7 +422,7 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
         )
 
     def places_at(self, pixels: Array, layer: int) -> Array:
-        """Places (…, 2) of a resting layer seen at pixels (…, 2)."""
+        """Places (…, 2) of a resting layer that are visible at pixels (…, 2)."""
         return self.shape.meet(*self.view.trace(pixels), self.depths[layer])
 
 
@@ -408,7 +435,7 @@ def sensor_names() -> list[str]:
     return sorted(f.name.removesuffix(".toml") for f in DESIGNS.iterdir() if f.name[-5:] == ".toml")
 
 
-#: Tables and keys of a sensor file that name other files, which lie beside it.
+#: Tables and keys of a sensor file that name other files, relative to it.
 FILES_NAMED = (("layout", "path"), ("camera", "calibration"))
 
 
@@ -419,14 +446,15 @@ def _shipped(name: str) -> SensorDesign:
 
 
 def load_sensor(name: str) -> SensorDesign:
-    """Shipped design of that name, or one's own from a file that ends in `.toml`.
+    """Load a shipped design by name, or a design from a file that ends in `.toml`.
 
-    Files that a design names are looked for beside it.
+    Paths of files in a design are relative to it.
 
     Raises
     ------
     UserError
-        When there is no such design, or with the key, the value and what is allowed.
+        For an unknown name; for a value that is not allowed, with the key, the value and what is
+        allowed.
     """
     if name in sensor_names():
         return _shipped(name)

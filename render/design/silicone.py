@@ -1,4 +1,4 @@
-"""The silicone of a sensor as the mechanics take it."""
+"""The silicone of a sensor, for the mechanics."""
 
 from typing import Annotated
 
@@ -13,12 +13,16 @@ NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 
 
 class Silicone(Table, frozen=True, kw_only=True):
-    """Silicone between the skin and what is rigid, as the body `dome` has it.
+    """Silicone between the skin and the rigid core or base, for the body `dome`.
 
-    `core_mm` is the radius of a dome's core, `thickness_mm` the silicone's on the base of a pad;
-    one is given, the other 0. `young_kpa` is Young's modulus, `poisson` Poisson's ratio. `pitch_mm`
-    is the distance between neighbouring nodes of the skin; 0 is a twentieth of a dome's radius, a
-    64th of a pad's side.
+    Attributes
+    ----------
+    core_mm: radius of a dome's core [mm]; 0 for a pad
+    thickness_mm: thickness of the silicone on the base of a pad [mm]; 0 for a dome
+    young_kpa: Young's modulus [kPa]
+    poisson: Poisson's ratio
+    pitch_mm: distance between neighbouring nodes of the skin [mm]; 0: a twentieth of a dome's
+        radius, a 64th of a pad's side
     """
 
     core_mm: NotNegative = 0.0
@@ -28,12 +32,12 @@ class Silicone(Table, frozen=True, kw_only=True):
     pitch_mm: Annotated[float, Meta(ge=0.0, le=1e3)] = 0.0
 
     def body(self, radius: float, flat: bool) -> SoftBody:
-        """The body of a dome of that radius, or of a pad of that half side [m].
+        """Build a dome of that radius, or a pad of that half side [m].
 
         Raises
         ------
         UserError
-            When the silicone and the radius make no body.
+            When silicone and radius do not make a valid body.
         """
         if bool(self.thickness_mm) != flat or bool(self.core_mm) == flat:
             raise UserError(

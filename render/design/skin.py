@@ -20,7 +20,7 @@ class DomeSkin:
 
     Attributes
     ----------
-    radius: of the outer skin [m]
+    radius: radius of the outer skin [m]
     rim: angle from the apex at which the housing begins [rad]
     """
 
@@ -57,7 +57,7 @@ class DomeSkin:
         return np.sin(first)
 
     def meet(self, start: Array, ray: Array, depth: float) -> Array:
-        """Places (…, 2) where rays from inside meet the layer; NaN where they do not."""
+        """Places (…, 2) at which rays from inside meet the layer; NaN if they do not."""
         return self.places_of(
             start + sphere_distance(start, ray, self.radius - depth)[..., None] * ray
         )
@@ -78,7 +78,7 @@ class PadSkin:
 
     Attributes
     ----------
-    radius: half of its side [m]
+    radius: half of the pad's side [m]
     """
 
     radius: float
@@ -91,7 +91,7 @@ class PadSkin:
 
     @property
     def rim(self) -> float:
-        """The same: no housing covers the pad [m]."""
+        """Place of the edge's middle, because no housing covers the pad [m]."""
         return self.radius
 
     def points(self, places: Array, depth: float) -> Array:
@@ -113,7 +113,7 @@ class PadSkin:
         return first
 
     def meet(self, start: Array, ray: Array, depth: float) -> Array:
-        """Places (…, 2) where rays from below meet the layer; NaN where they do not."""
+        """Places (…, 2) at which rays from below meet the layer; NaN if they do not."""
         up = np.where(ray[..., 2] > 0.0, ray[..., 2], np.nan)
         return self.places_of(start + ((-depth - start[..., 2]) / up)[..., None] * ray)
 

@@ -32,8 +32,8 @@ class Registry:
 
     Parameters
     ----------
-    protocol: methods that a class has to have; its name is the kind's
-    package: where relative modules of `entries` lie
+    protocol: methods that a class must have; its name in lower case is the kind's
+    package: package of the relative modules in `entries`
     entries: `.module:Class` and one line of description, by name
     """
 
@@ -52,17 +52,17 @@ class Registry:
         return f"chromagrip.{self.kind}s"
 
     def descriptions(self) -> dict[str, str]:
-        """One line about each method that can be chosen, by name; ours hide plug-ins."""
+        """Describe each available method in one line, by name; ours hide plug-ins."""
         plugins = {p.name: f"{p.value}, installed" for p in entry_points(group=self.group)}
         return plugins | {name: text for name, (_, text) in self.entries.items()}
 
     def check(self, name: str) -> None:
-        """Refuse a name that is none of ours, no plug-in and no `module:Class`.
+        """Refuse a name that is neither ours, nor a plug-in's, nor `module:Class`.
 
         Raises
         ------
         UserError
-            With the names that there are.
+            For such a name; the message lists the available names.
         """
         if name in self.entries or ":" in name:  # installed plug-ins take milliseconds to list
             return
@@ -76,13 +76,12 @@ class Registry:
         Parameters
         ----------
         choice: a name, `module:Class`, or a class or other factory
-        arguments: for the class, by name
+        arguments: keyword arguments of the class, by name
 
         Raises
         ------
         UserError
-            When there is none of that name, it cannot be imported, or it lacks a method of the
-            protocol.
+            When the name is unknown, it cannot be imported, or it lacks a method of the protocol.
         """
         factory = self._import(choice) if isinstance(choice, str) else choice
         if isinstance(factory, type):
@@ -90,7 +89,7 @@ class Registry:
         return partial(factory, **arguments) if arguments else factory
 
     def build(self, choice: Choice | object, arguments: Mapping[str, Any] | None = None) -> Any:
-        """A method: an object as it is, or one that is made by name, class or other factory.
+        """Build a method by name, class or other factory; an object is returned as it is.
 
         Parameters
         ----------
@@ -138,7 +137,7 @@ class Registry:
             )
 
     def _lacking(self, method: object) -> list[str]:
-        """Methods of the protocol that a class or an object does not have."""
+        """Methods of the protocol that a class or an object lacks."""
         required = (key for key in vars(self.protocol) if not key.startswith("_"))
         return [key for key in required if not hasattr(method, key)]
 
@@ -157,12 +156,12 @@ def with_allowed(values: dict[str, Any], allow: Collection[str]) -> dict[str, An
     """Values of a file in which every `module:Class` that is not allowed is marked.
 
     Opening a file thus never runs code that its writer chose: a marked name can be shown, and is
-    refused where the method would be imported.
+    refused when the method would be imported.
 
     Parameters
     ----------
-    values: of a scene or a recipe; methods may stand at any depth, and under keys with dots
-    allow: modules that whoever starts the program named; a package stands for all its modules
+    values: values of a scene or a recipe; methods may be at any depth, and under keys with dots
+    allow: modules named by the user who starts the program; a package allows all its modules
     """
 
     def marked(name: str) -> str:
@@ -181,12 +180,12 @@ def as_in_file(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def not_allowed(of: object) -> str:
-    """First `module:Class` of a scene that is marked as not allowed; "" where there is none."""
+    """First `module:Class` of a scene that is marked as not allowed; "" if there is no such."""
     return next(filter(None, (_marked(getattr(of, key)) for key in METHOD_KEYS)), "")
 
 
 def _marked(name: str) -> str:
-    """What a marked name names; "" for one without a mark: a module may be called file, too."""
+    """Name without its mark; "" if it has no mark: a module may be called file, too."""
     return name.removeprefix(NOT_ALLOWED) if name.count(":") > 1 else ""
 
 
@@ -203,9 +202,9 @@ def _with_names(value: Any, change: Callable[[str], str], method: bool = False) 
 
 
 def _find_in_working_folder() -> None:
-    """Let modules of the working folder be found, last of all.
+    """Append the working folder to the import path.
 
-    Only once a user has named one: until then a file there, such as `rerun.py`, is nobody's.
+    Only when a user names a module: a file there, such as `rerun.py`, must not hide a package.
     """
     folder = str(Path.cwd())
     if folder not in sys.path:
@@ -213,7 +212,7 @@ def _find_in_working_folder() -> None:
 
 
 def make(kind: str, name: str, factory: Callable[[], Any]) -> Any:
-    """Object that the factory of a plug-in makes.
+    """Call the factory of a plug-in and return its object.
 
     Raises
     ------
@@ -229,7 +228,7 @@ def make(kind: str, name: str, factory: Callable[[], Any]) -> Any:
 
 @contextmanager
 def blaming(failure: str, *errors: type[BaseException]) -> Iterator[None]:
-    """Refuse errors that a plug-in raises inside, each with its kind and text.
+    """Turn errors that a plug-in raises inside into a `UserError` with kind and text.
 
     Parameters
     ----------
@@ -240,7 +239,7 @@ def blaming(failure: str, *errors: type[BaseException]) -> Iterator[None]:
     Raises
     ------
     UserError
-        For such an error.
+        For an error of these kinds.
     """
     try:
         yield
@@ -251,7 +250,7 @@ def blaming(failure: str, *errors: type[BaseException]) -> Iterator[None]:
 
 
 def _origin(reason: BaseException) -> str:
-    """File and line that an error was raised in, for a message without a traceback."""
+    """File and line where an error was raised, for a message without a traceback."""
     calls = traceback.extract_tb(reason.__traceback__)
     return f" ({Path(calls[-1].filename).name}, line {calls[-1].lineno})" if calls else ""
 

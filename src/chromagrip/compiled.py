@@ -1,8 +1,8 @@
-"""Compiled functions, each kept on disk by the digest of everything that it can reach.
+"""Compiled functions, each cached on disk by the digest of all code that it can reach.
 
-Numba itself looks only at the file that holds a function: after a change in another file that it
-calls, the old machine code would run on. Each kernel here is compiled again when something changes
-that it can reach, and only then.
+Numba itself looks only at the file of a function: after a change in another file that it calls,
+the old machine code would run. Here a kernel is compiled again only when code that it can reach
+changes.
 """
 
 import os
@@ -27,22 +27,22 @@ from numba.core.serialize import dumps
 from .kernel_key import UnreadableError, kernel_key, signature_key
 from .user_cache import user_cache
 
-#: Machine code that nobody used is removed after this time [s].
+#: Unused machine code is removed after this time [s].
 KEPT = 7 * 86400.0
-#: A use is noted when the one before is older than this [s].
+#: A use is noted when the last noted one is older than this [s].
 NOTED = 86400.0
 
-#: Cache folder of each folder with kernels; None where no folder can be written.
+#: Cache folder of each folder with kernels; None if no folder can be written.
 _homes: dict[Path, Path | None] = {}
-#: So many kernels are worth a word, also where others are kept.
+#: Number of compiled kernels from which a notice is printed even if others are cached.
 FEW = 10
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile without Python objects, cached on disk; options as in `numba.njit`.
 
-    Never with `fastmath`: where a kernel is inlined, and whether it was read from the cache, would
-    then decide its last digits. Long sums are vectorised by `tracking.fit.kernels.lanes`.
+    `fastmath` is refused: last digits would depend on where a kernel is inlined, and on whether it
+    was read from the cache. Long sums are vectorised by `tracking.fit.kernels.lanes`.
     """
     if "fastmath" in options:
         raise TypeError(
@@ -62,7 +62,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 class _Cache:
-    """Machine code of one kernel: what Numba asks of a cache, with one file for each signature.
+    """Numba cache of one kernel's machine code, with one file for each signature.
 
     A file is named by the kernel, its key and its signature. It is complete when it gets its name:
     processes may compile the same kernel at once.
@@ -77,11 +77,11 @@ class _Cache:
 
     @cached_property
     def key(self) -> str:
-        """Key of the kernel, taken at its first call: what it calls may be defined after it."""
+        """Key of the kernel, computed at its first call: its callees may be defined after it."""
         return kernel_key(self.kernel)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """Result of a former compilation, or None."""
+        """Load the result of an earlier compilation; None if it is missing."""
         target.refresh()
         path = self._path(signature, target.codegen())
         if path is None:
@@ -114,10 +114,10 @@ class _Cache:
             part.unlink(missing_ok=True)
 
     def flush(self) -> None:
-        """Remove nothing: what is kept belongs to this kernel as it is."""
+        """Do nothing: all files of this cache belong to the kernel as it is."""
 
     def _path(self, signature: Any, codegen: Any) -> Path | None:
-        """File of a signature; None, with a warning, for one that cannot be kept."""
+        """Path of a signature's file; None, with a warning, if it cannot be cached."""
         try:
             types = signature_key(signature, codegen.magic_tuple())
             return self.home / f"{self.name}-{self.key[:20]}-{types[:20]}.nbc"
@@ -130,16 +130,16 @@ class _Cache:
 
 
 def _places(folder: Path) -> list[Path]:
-    """Cache folders for the kernels of a folder, the first one that can be written is used."""
+    """Possible cache folders for the kernels of a folder; the first writable one is used."""
     if numba.config.CACHE_DIR:  # set by NUMBA_CACHE_DIR
         return [Path(numba.config.CACHE_DIR) / "chromagrip/kernels"]
     places = [folder / "__pycache__/kernels", user_cache() / "kernels"]
-    return [place for place in places if place.is_absolute()]  # who has no home has none
+    return [place for place in places if place.is_absolute()]  # relative: the user has no home
 
 
 @cache
 def _make(home: Path) -> bool:
-    """Make a cache folder; False if it cannot be written."""
+    """Make a cache folder; returns False if it cannot be written."""
     try:
         home.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=home).close()
@@ -150,8 +150,8 @@ def _make(home: Path) -> bool:
 
 @cache
 def _clean(home: Path) -> None:
-    """Remove, once in a process, what nobody used for long; other processes may use the rest."""
-    former = home.parent.glob("kernels-*")  # of all kernels, from when they had one key
+    """Remove files unused for `KEPT`, once in a process; other processes may use the rest."""
+    former = home.parent.glob("kernels-*")  # older format: one folder for all kernels
     for old in [*home.iterdir(), *former]:
         with suppress(OSError):
             if old.stat().st_mtime < time.time() - KEPT:
@@ -162,18 +162,18 @@ def _clean(home: Path) -> None:
 
 
 def announce() -> None:
-    """Say on stderr when kernels are compiled, and where they cannot be kept."""
+    """Report on stderr when kernels are compiled, and if they cannot be cached."""
     events.register("numba:compile", _Announcer())
 
 
 class _Announcer(events.Listener):  # type: ignore[misc]  # numba has no types
-    """Speaks once: at the first kernel, or after a few where others are kept."""
+    """Prints one notice: at the first kernel, or at the tenth if others are cached."""
 
     _compiled = 0
     _spoken = False
 
     def on_start(self, event: events.Event) -> None:
-        """Say it when a kernel of ours is compiled."""
+        """Count a compiled kernel of ours, and print the notice if it is due."""
         code = event.data["dispatcher"].py_func.__code__
         if self._spoken or Path(code.co_filename).parent not in _homes:
             return
@@ -185,11 +185,11 @@ class _Announcer(events.Listener):  # type: ignore[misc]  # numba has no types
                 print(f"chromagrip: {notice}", file=sys.stderr, flush=True)
 
     def on_end(self, event: events.Event) -> None:
-        """Nothing is said at the end."""
+        """Do nothing at the end of a compilation."""
 
 
 def _notice(*, few: bool) -> str | None:
-    """One sentence about what compiling costs now; None for few kernels where others are kept."""
+    """Describe the cost of compiling in one sentence; None for few kernels if others are cached."""
     package = f"the folder {Path(__file__).parent}"
     chosen = numba.config.CACHE_DIR
     homes = {home for home in _homes.values() if home is not None}

@@ -4,21 +4,21 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-#: Longest word, and longest quoted value, that a message repeats whole [characters]; of a longer
-#: one this much is kept of its begin and its end.
+#: Longest word or quoted value that a message repeats whole, and lengths of the begin and the end
+#: that are kept of a longer one [characters].
 _LONGEST, _BEGIN, _END = 240, 100, 40
 _LONG = re.compile(
     rf"(?<!\w)'[^']{{{_LONGEST},}}'|(?<!\w)\"[^\"]{{{_LONGEST},}}\"|\S{{{_LONGEST},}}"
 )
-#: Longest message, and what is kept of a longer one [characters].
+#: Longest message, and lengths of the begin and the end kept of a longer one [characters].
 _MESSAGE, _MESSAGE_BEGIN, _MESSAGE_END = 1600, 600, 400
 
 
 class UserError(ValueError):
     """A request that cannot be met; the message says what, where, and what is allowed.
 
-    A message repeats what a stranger's file may hold. It is one line of bounded length, in which
-    nothing controls a terminal.
+    A message may repeat text from a stranger's file. It is therefore one line of bounded length,
+    without control characters.
     """
 
     def __init__(self, message: object = "") -> None:
@@ -26,7 +26,7 @@ class UserError(ValueError):
 
 
 def one_line(text: str) -> str:
-    """Text without control characters, in which long values are shortened; twice is as once."""
+    """Remove control characters and shorten long values; a second call changes nothing."""
     text = "".join(c if c.isprintable() else _harmless(c) for c in text)
     text = _LONG.sub(_short, text)
     if len(text) > _MESSAGE:
@@ -40,13 +40,13 @@ def _short(found: re.Match[str]) -> str:
 
 
 def _harmless(character: str) -> str:
-    """Escape of a character that is not printed; a line break is a space."""
+    """Escape a character that is not printable; a line break or tab becomes a space."""
     return " " if character in "\n\r\t" else ascii(character)[1:-1]
 
 
 @contextmanager
 def located(place: str) -> Iterator[None]:
-    """Put the place in front of the message of a `UserError` that is raised inside, once."""
+    """Prefix the message of a `UserError` that is raised inside with the place, once."""
     place = one_line(place)
     try:
         yield

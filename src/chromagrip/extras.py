@@ -1,6 +1,6 @@
-"""Optional packages: which extra brings each, what it is for, and the refusal where one is missing.
+"""Optional packages: the extra that brings each, its purpose, and the refusal if it is missing.
 
-A package of an extra is imported in the function that uses it, by `need`.
+A package of an extra is imported by `need`, in the function that uses it.
 """
 
 from dataclasses import dataclass
@@ -17,15 +17,15 @@ class Extra:
 
     Attributes
     ----------
-    module: that the extra brings, by the name it is imported by
-    purpose: what the extra is for, as the subject of a sentence
+    module: import name of the package that the extra brings
+    purpose: use of the extra, as the subject of a sentence
     """
 
     module: str
     purpose: str
 
 
-#: By name; each is an extra of `pyproject.toml`, where `all` holds the first six.
+#: Extras of `pyproject.toml` by name; its extra `all` holds the first six.
 EXTRAS = {
     "images": Extra("skimage", "comparing pictures with each other"),
     "gl": Extra("pyrender", "the renderer pyrender"),
@@ -50,12 +50,12 @@ def install_command(*extras: str) -> str:
 
 
 def missing(*extras: str, purpose: str = "") -> str | None:
-    """One sentence on those of these extras that are not installed; None when all are.
+    """Name the extras that are not installed in one sentence; None if all are.
 
     Parameters
     ----------
     extras: names in `EXTRAS`
-    purpose: what they are needed for, as the subject of a sentence; by default the first one's
+    purpose: use of the extras, as the subject of a sentence (default: the first missing one's)
     """
     absent = [name for name in extras if find_spec(EXTRAS[name].module) is None]
     if not absent:
@@ -68,12 +68,12 @@ def missing(*extras: str, purpose: str = "") -> str | None:
 
 
 def require(*extras: str, purpose: str = "") -> None:
-    """Refuse before anything is computed where one of these extras is not installed.
+    """Refuse if one of these extras is not installed; parameters as in `missing`.
 
     Raises
     ------
     UserError
-        When one is missing; parameters as in `missing`.
+        When one is missing.
     """
     problem = missing(*extras, purpose=purpose)
     if problem is not None:
@@ -85,7 +85,7 @@ def need(module: str, extra: str) -> Any:
 
     Parameters
     ----------
-    module: its full name, such as `pyarrow.parquet`
+    module: full name of the module, such as `pyarrow.parquet`
     extra: name in `EXTRAS`
 
     Raises

@@ -1,4 +1,4 @@
-"""Folders and files of a command's output: never half-written, and never written over unasked."""
+"""Folders and files of a command's output: never half-written, never overwritten unasked."""
 
 import atexit
 import errno
@@ -19,27 +19,27 @@ from .errors import UserError
 
 #: Start of the name of a file or folder that is not complete.
 PART = ".part-"
-#: File of a folder that is being filled, which names who fills it.
+#: File of a folder that is being filled; it names the process that fills it.
 LOCK = ".lock"
-#: Folders that were made, the outer ones first.
+#: Folders made by this process, the outer ones first.
 _made: list[Path] = []
-#: Start of the name of a folder for what libraries keep while a command runs.
+#: Start of the name of a folder for temporary files of libraries.
 _SCRATCH = ".scratch-"
 
 
 @contextmanager
 def prepared(folder: Path | None, overwrite: bool | None) -> Iterator[None]:
-    """Make a folder for output, and hold it until it is filled.
+    """Make a folder for output, and lock it until it is filled.
 
     Parameters
     ----------
-    folder: new or empty; None is no folder
-    overwrite: whether it may hold files; None where a command never writes over any
+    folder: new or empty folder; None for a command without output
+    overwrite: whether the folder may hold files; None if the command has no --overwrite
 
     Raises
     ------
     UserError
-        When it holds files and `overwrite` is not given, cannot be made, or is being filled.
+        When the folder holds files without `overwrite`, cannot be made, or is being filled.
     """
     if folder is None:
         yield
@@ -64,8 +64,8 @@ def make_folder(folder: Path, new: bool = False) -> None:
 
     Parameters
     ----------
-    folder: with those that it is in
-    new: whether it must not exist, which is a `FileExistsError` then
+    folder: folder to make, with its parents
+    new: whether an existing folder is a `FileExistsError` (default: it is not)
     """
     absent = [each for each in (folder, *folder.parents) if not each.exists()]
     folder.mkdir(parents=True, exist_ok=not new)
@@ -73,21 +73,21 @@ def make_folder(folder: Path, new: bool = False) -> None:
 
 
 def remove_empty() -> None:
-    """Remove the folders that this process has made and that are empty, as after a failure."""
+    """Remove the empty folders that this process has made, for use after a failure."""
     while _made:
         with suppress(OSError):
             _made.pop().rmdir()
 
 
 def make_scratch(out: Path) -> None:
-    """Give libraries a folder beside or in an output, where nothing else can be written.
+    """Make a folder for temporary files in or next to an output, if there is no other.
 
     Matplotlib ends a program that has neither a home nor a folder for temporary files. The folder
-    goes when this process ends.
+    is removed when this process ends.
 
     Parameters
     ----------
-    out: file or folder of the output, which need not exist
+    out: file or folder of the output; it need not exist
     """
     try:
         tempfile.gettempdir()
@@ -100,7 +100,7 @@ def make_scratch(out: Path) -> None:
 
 
 def leave(folder: Path, name: str) -> None:
-    """Remove the first file of a result that has no others, and the folder if it is then empty."""
+    """Remove a file that is alone in its folder, and the folder if it is then empty."""
     with suppress(OSError):
         if [each.name for each in folder.iterdir()] == [name]:
             (folder / name).unlink()
@@ -108,12 +108,12 @@ def leave(folder: Path, name: str) -> None:
 
 
 def part_of(path: Path) -> Path:
-    """Path of a file until it is complete, with the same suffix; each process has its own."""
+    """Path of a file until it is complete: same suffix, a different name in each process."""
     return path.with_name(f"{PART}{os.getpid()}-{path.name}")
 
 
 def sync(path: Path) -> None:
-    """Wait until the disk has a file, or the names in a folder: what follows may call it whole."""
+    """Wait until the disk holds a file, or the names in a folder."""
     if os.name == "nt":  # Windows syncs what is open for writing alone
         return
     handle = os.open(path, os.O_RDONLY)
@@ -129,12 +129,12 @@ def sync(path: Path) -> None:
 
 @contextmanager
 def disk_errors(path: Path) -> Iterator[None]:
-    """Make an error of the disk one sentence, and remove what was written of the file.
+    """Turn a disk error into one sentence, and remove the part of the file already written.
 
     Raises
     ------
     UserError
-        Instead of an `OSError` that is raised inside, as where the disk is full.
+        Instead of an `OSError` that is raised inside, such as a full disk.
     """
     try:
         yield
@@ -149,12 +149,12 @@ def disk_errors(path: Path) -> Iterator[None]:
 def whole_file(path: Path) -> Iterator[Path]:
     """Write a file that gets its name when it is complete.
 
-    Yields the path to write to; an exception inside leaves no file.
+    Yields the path to write to; after an exception inside, no file remains.
 
     Raises
     ------
     UserError
-        When it cannot be written, as where the disk is full.
+        When it cannot be written, such as on a full disk.
     """
     part = part_of(path)
     with disk_errors(path):
@@ -186,10 +186,9 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 
 class GrowingFile:
-    """File that is written piece by piece; a context, at whose end it gets its name.
+    """File that is written piece by piece; it gets its name when its context ends.
 
-    So it does after an interruption, with the pieces until then, but not after an error of the
-    disk.
+    After an interruption it keeps the pieces written so far; after a disk error it is removed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -216,7 +215,7 @@ class GrowingFile:
         Raises
         ------
         UserError
-            When it cannot be written, as where the disk is full; nothing of it is left.
+            When it cannot be written, such as on a full disk; it is then removed.
         """
         with disk_errors(self._path):
             if self._part.exists():
@@ -226,7 +225,7 @@ class GrowingFile:
                 self._part.replace(self._path)
 
     def _finish(self) -> None:
-        """Write what waits, and close; a file that is removed here gets no name."""
+        """Write the remaining pieces and close; a file that is removed here gets no name."""
         raise NotImplementedError
 
 
@@ -234,13 +233,13 @@ class GrowingFile:
 def whole_folder(path: Path) -> Iterator[Path]:
     """Fill a folder that gets its name when it is complete.
 
-    Yields the folder to fill; an exception inside leaves none. An empty folder of that name is
-    replaced. A filled one stays: another process was faster.
+    Yields the folder to fill; after an exception inside, no folder remains. An empty folder of
+    that name is replaced. A filled one stays: another process was faster.
 
     Raises
     ------
     UserError
-        When it cannot be written, as where the disk is full.
+        When it cannot be written, such as on a full disk.
     """
     part = path.with_name(f"{PART}{path.name}-{os.getpid()}")
     with disk_errors(path):
@@ -260,21 +259,20 @@ def whole_folder(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def filling(folder: Path, *, wait: bool = False) -> Iterator[None]:
-    """Hold a folder that two runs must not fill at once.
+    """Lock a folder that two runs must not fill at once.
 
-    The kernel holds the lock, and gives it up with the process, however that ends. The file only
-    tells others who it is. Where a system or a disk has no locks (Windows, some network disks),
-    nothing is held.
+    The operating system holds the lock and releases it when the process ends. The lock file only
+    names the process. Windows and some network disks have no locks; the folder is not locked there.
 
     Parameters
     ----------
-    folder: that is filled
-    wait: until it is free, instead of refusing one that another run holds
+    folder: folder that is filled
+    wait: whether to wait for a locked folder (default: refuse it)
 
     Raises
     ------
     UserError
-        When another run holds it, or it cannot be written.
+        When another run has locked it, or it cannot be written.
     """
     try:
         handle = _locked(folder, wait)
@@ -289,7 +287,7 @@ def filling(folder: Path, *, wait: bool = False) -> Iterator[None]:
 
 
 def _locked(folder: Path, wait: bool) -> int:
-    """Open file that holds the lock of a folder."""
+    """Open the file that locks a folder; returns its descriptor."""
     path = folder / LOCK
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
@@ -310,4 +308,4 @@ def _locked(folder: Path, wait: bool) -> int:
                 os.ftruncate(handle, 0)
                 os.write(handle, f"process {os.getpid()} on {platform.node()}\n".encode())
                 return handle
-        os.close(handle)  # whoever held it has just removed the file
+        os.close(handle)  # the process that held it has just removed the file

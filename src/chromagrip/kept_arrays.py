@@ -1,4 +1,4 @@
-"""Arrays that were made once, kept by what they were made from in the user's cache."""
+"""Cache of computed arrays in the user's folder, keyed by their input."""
 
 import contextlib
 import hashlib
@@ -12,19 +12,20 @@ from numpy.typing import NDArray
 
 from .user_cache import user_cache
 
-#: What a kept file holds: arrays by name.
+#: Arrays of a kept file, by name.
 Arrays = dict[str, NDArray[np.generic]]
 
-#: So many files of a kind are kept, the ones used last; each has some 5 MB.
+#: Number of files of a kind that are kept, those used last; each has some 5 MB.
 MOST = 100
 
 
 def content_key(version: str, *arrays: NDArray[np.generic]) -> str:
-    """Name of what is made from these arrays: a digest of their types, shapes and values.
+    """Cache key of a result computed from these arrays: digest of types, shapes and values.
 
     Parameters
     ----------
-    version: of the way in which it is made
+    version: version of the computation
+    arrays: input of the computation, any shapes
     """
     digest = hashlib.sha256(version.encode())
     for array in arrays:
@@ -34,7 +35,7 @@ def content_key(version: str, *arrays: NDArray[np.generic]) -> str:
 
 
 def kept(kind: str, key: str) -> Arrays | None:
-    """Arrays kept under a name; None when there are none that can be read."""
+    """Load the arrays kept under a key; None if they are missing or cannot be read."""
     path = user_cache() / kind / f"{key}.npz"
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
@@ -46,7 +47,7 @@ def kept(kind: str, key: str) -> Arrays | None:
 
 
 def keep(kind: str, key: str, arrays: Arrays) -> None:
-    """Keep arrays under a name, whole or not at all; nothing where no folder can be written."""
+    """Keep arrays under a key; a no-op if the cache cannot be written."""
     folder = user_cache() / kind
     if not folder.is_absolute():
         return

@@ -1,6 +1,6 @@
 """The four stages of a checkout, which are symbolic links to folders at its root.
 
-Git on Windows writes text files in their place unless it is told otherwise.
+By default Git on Windows writes text files in their place.
 """
 
 import sys
@@ -18,7 +18,7 @@ MEND = (
 
 
 def problem() -> str | None:
-    """One sentence where a stage is not there, None otherwise."""
+    """Name the missing stages in one sentence; None if all are present."""
     here = Path(__file__).parent
     lost = [name for name in STAGES if not (here / name / "__init__.py").is_file()]
     if not lost:
@@ -27,7 +27,7 @@ def problem() -> str | None:
 
 
 class _Refusal:
-    """Finder of modules that refuses to import a stage."""
+    """Module finder that refuses to import a stage."""
 
     def __init__(self, sentence: str) -> None:
         self._sentence = sentence
@@ -43,7 +43,7 @@ class _Refusal:
 
 
 def guard() -> None:
-    """Let every import of a stage that is not there fail with the sentence that says why."""
+    """Make every import of a missing stage fail with the sentence of `problem`."""
     sentence = problem()
     if sentence is not None:
         sys.meta_path.insert(0, _Refusal(sentence))

@@ -1,7 +1,7 @@
-"""Pictures of files that anybody may have written: their sizes are read before they are decoded.
+"""Pictures from strangers' files: their sizes are checked before they are decoded.
 
-Pillow decodes them: it is silent, where libpng and libjpeg below OpenCV write to the terminal. With
-TIFF it is the other way round.
+Pillow decodes them silently; libpng and libjpeg in OpenCV write to the terminal. OpenCV decodes
+TIFF, with its log off.
 """
 
 import io
@@ -22,11 +22,11 @@ from .errors import UserError
 
 Image = NDArray[np.uint8]
 
-#: Largest picture that is decoded, unless more is asked for [10⁶ pixels].
+#: Largest picture that is decoded by default [10⁶ pixels].
 MEGAPIXELS = 64.0
 #: Largest WebP that Pillow decodes [10⁶ pixels].
 _POSSIBLE = 178.0
-#: Who may ask for more.
+#: End of a refusal: the commands with a higher limit.
 MORE = "; detect, track, estimate and calibrate take --max-megapixels (max_megapixels in Python)"
 
 #: Kinds of pictures by the bytes that they begin with, each with Pillow's module.
@@ -40,7 +40,7 @@ _KINDS = {
     b"II+\0": "Tiff",  # of more than 4 GB
     b"MM\0+": "Tiff",
 }
-#: What Pillow raises of damaged pictures.
+#: Errors that Pillow raises for damaged pictures.
 _DAMAGES = (
     OSError, SyntaxError, ValueError, TypeError, LookupError, EOFError, ArithmeticError,
     AttributeError, RuntimeError, struct.error, zlib.error, Warning,
@@ -52,12 +52,12 @@ _logging = threading.Lock()
 
 
 def check_pixels(width: int, height: int, name: str, megapixels: float) -> None:
-    """Refuse a picture of more pixels than are decoded.
+    """Refuse a picture with more pixels than are decoded.
 
     Parameters
     ----------
-    width, height: of the picture [px]
-    name: what messages call it, such as `picture press.png`
+    width, height: size of the picture [px]
+    name: name of the picture in messages, such as `picture press.png`
     megapixels: largest number of pixels [10⁶]
     """
     if not width * height <= 1e6 * megapixels:
@@ -68,24 +68,23 @@ def check_pixels(width: int, height: int, name: str, megapixels: float) -> None:
 
 
 def kind_of(data: bytes) -> str | None:
-    """Kind of a picture by the bytes that its file begins with; None for any other file."""
+    """Kind of a picture by the first bytes of its file; None for any other file."""
     return next((kind for begin, kind in _KINDS.items() if data.startswith(begin)), None)
 
 
 def decoded(data: bytes, name: str, megapixels: float, *, grey: bool = False) -> Image | str | None:
-    """Picture as it was stored, not turned by the file's metadata.
-
-    Shape (H, W), or (H, W, 3 or 4) in the order red, green, blue and opacity.
+    """Decode a picture as it was stored, not turned by the file's metadata.
 
     Parameters
     ----------
-    data: of its file: PNG, JPEG, BMP, WebP or TIFF, of which the first page is taken
+    data: content of its file: PNG, JPEG, BMP, WebP or TIFF (its first page)
     name, megapixels: see `check_pixels`
-    grey: whether its brightness alone is wanted, of any number of bits
+    grey: whether only its brightness is returned, from values of any number of bits
 
     Returns
     -------
-    None where the data are no whole picture; the type of values of more than 8 bits
+    pixels, shape (H, W), or (H, W, 3 or 4) in the order red, green, blue and opacity; the type of
+    its values if they have more than 8 bits; None if the data are not a whole picture
 
     Raises
     ------
@@ -119,8 +118,8 @@ def decoded(data: bytes, name: str, megapixels: float, *, grey: bool = False) ->
 
 
 def _tiff(data: bytes, grey: bool) -> Image | str | None:
-    """Pixels of a TIFF; OpenCV hands what libtiff says to its own log."""
-    import cv2  # the command line knows the limit before it needs OpenCV
+    """Decode a TIFF; OpenCV writes libtiff's messages to its own log."""
+    import cv2  # slow to import: the command line reads the limit without it
 
     how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION if grey else cv2.IMREAD_UNCHANGED
     with _logging:
@@ -138,7 +137,7 @@ def _tiff(data: bytes, grey: bool) -> Image | str | None:
 
 
 def _pixels(image: Any, bits: int, grey: bool) -> Image | str | None:
-    """Pixels of a picture of Pillow's."""
+    """Pixels of a Pillow picture."""
     if grey:
         if image.mode.startswith("I;16"):
             return np.asarray(np.asarray(image) >> 8, dtype=np.uint8)
@@ -154,7 +153,7 @@ def _pixels(image: Any, bits: int, grey: bool) -> Image | str | None:
 
 @cache
 def _opener(kind: str) -> Callable[[BinaryIO], Any]:
-    """Pillow's class of a kind of pictures; it reads the header alone."""
+    """Pillow's class for a kind of pictures; it reads only the header."""
     logging.getLogger("PIL").addHandler(logging.NullHandler())  # else it goes to the terminal
     warnings.filterwarnings("ignore", module="PIL")
     module = import_module(f"PIL.{kind}ImagePlugin")

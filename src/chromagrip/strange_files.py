@@ -1,4 +1,4 @@
-"""Files that others made: names, links, sizes and arrays are judged before they are used."""
+"""Files from strangers: names, links, sizes and arrays are checked before they are used."""
 
 import math
 import os
@@ -21,12 +21,12 @@ MOST_VALUES = 100_000_000
 
 
 def inside(folder: Path, name: str, follow_links: bool = False) -> Path:
-    """Path of what has that relative name in a folder; whether it exists is not asked.
+    """Path of a relative name in a folder; it need not exist.
 
     Parameters
     ----------
-    folder: that the user named; it may be a link itself
-    name: that a file of the folder gives, such as `sequence-000000/rest.png`
+    folder: folder given by the user; it may be a link itself
+    name: relative name found in a file of the folder, such as `sequence-000000/rest.png`
     follow_links: whether the name may be a link that leads out of the folder
 
     Raises
@@ -47,23 +47,23 @@ def inside(folder: Path, name: str, follow_links: bool = False) -> Path:
 
 
 def refuse_links(folder: Path, follow_links: bool = False) -> None:
-    """Walk a folder, and refuse links that lead out of it and what is no file, such as a pipe.
+    """Walk a folder, and refuse links that lead out of it and special files, such as a pipe.
 
     Parameters
     ----------
-    folder: that the user named; it may be a link itself
+    folder: folder given by the user; it may be a link itself
     follow_links: whether links may lead out of it
 
     Raises
     ------
     UserError
-        With the first one.
+        For the first such entry.
     """
     home = Path(os.path.realpath(folder))
-    left = [folder]
-    while left:
+    pending = [folder]
+    while pending:
         try:
-            with os.scandir(left.pop()) as entries:
+            with os.scandir(pending.pop()) as entries:
                 found = list(entries)
         except OSError as error:
             raise UserError(f"{error.filename} cannot be read: {error.strerror}") from None
@@ -71,7 +71,7 @@ def refuse_links(folder: Path, follow_links: bool = False) -> None:
             if entry.is_symlink() and not follow_links:
                 _check_link(Path(entry.path), home)
             if entry.is_dir(follow_symlinks=False):
-                left.append(Path(entry.path))
+                pending.append(Path(entry.path))
             elif not entry.is_file(follow_symlinks=False):
                 path = entry.path  # DirEntry raises at a loop of links
                 if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
@@ -79,12 +79,12 @@ def refuse_links(folder: Path, follow_links: bool = False) -> None:
 
 
 def read_small(path: Path, most: int = _MOST_BYTES) -> bytes:
-    """Bytes of a file that is kept in memory as a whole.
+    """Read a whole file into memory.
 
     Parameters
     ----------
-    path: of the file
-    most: largest size [bytes]
+    path: path of the file
+    most: largest size (default 200 MB) [bytes]
 
     Raises
     ------
@@ -112,13 +112,13 @@ def array_names(path: Path) -> list[str]:
 def read_arrays(
     path: Path, names: Iterable[str], most: int = MOST_VALUES
 ) -> dict[str, NDArray[Any]]:
-    """Arrays of a NumPy file (.npz), judged by what their headers claim before they are decoded.
+    """Read arrays of a NumPy file (.npz); their headers are checked before they are decoded.
 
     Parameters
     ----------
-    path: of the file
-    names: of the arrays
-    most: values of an array at most, of eight bytes each
+    path: path of the file
+    names: names of the arrays
+    most: largest number of values in an array, of eight bytes each (default 10⁸)
 
     Raises
     ------
@@ -132,7 +132,7 @@ def read_arrays(
 
 def _array(file: zipfile.ZipFile, name: str, most: int) -> NDArray[Any]:
     try:
-        held = file.getinfo(name).file_size
+        stored = file.getinfo(name).file_size
     except KeyError:
         raise UserError(f"{file.filename} has no array {name.removesuffix('.npy')}") from None
     with file.open(name) as stream:
@@ -142,8 +142,8 @@ def _array(file: zipfile.ZipFile, name: str, most: int) -> NDArray[Any]:
             stream
         )
         claimed = math.prod(shape) * kind.itemsize
-    if min(shape, default=0) < 0 or claimed > held:
-        raise ValueError(f"{name} claims {claimed} bytes, it has {held}")
+    if min(shape, default=0) < 0 or claimed > stored:
+        raise ValueError(f"{name} claims {claimed} bytes, it has {stored}")
     if math.prod(shape) * max(kind.itemsize, 8) > 8 * most:
         raise UserError(f"{file.filename}: {name} has more than {most} values, too many to read")
     with file.open(name) as stream:
@@ -152,7 +152,7 @@ def _array(file: zipfile.ZipFile, name: str, most: int) -> NDArray[Any]:
 
 @contextmanager
 def _unzipped(path: Path) -> Iterator[zipfile.ZipFile]:
-    """Make what a damaged archive may raise one sentence."""
+    """Open an archive; errors of a damaged one become one sentence."""
     try:
         with zipfile.ZipFile(path) as file:
             yield file
@@ -164,7 +164,7 @@ def _unzipped(path: Path) -> Iterator[zipfile.ZipFile]:
 
 
 def shortened(value: object, most: int = 80) -> str:
-    """A stranger's value for a message: quoted, on one line, with at most so many characters."""
+    """Quote a stranger's value for a message: one line of at most `most` characters."""
     text = repr(value[: 2 * most] if isinstance(value, str) else value)
     return text if len(text) <= most else f"{text[: most - 1]}…"
 

@@ -1,4 +1,4 @@
-"""Strict tables: what is read from TOML, and what is said of a key or value that is not allowed."""
+"""Strict tables, read from TOML; a key or value that is not allowed is refused by name."""
 
 import tomllib
 from pathlib import Path
@@ -9,9 +9,9 @@ import msgspec
 
 from .errors import UserError
 
-#: Number of a table that is above 0, and finite.
+#: Number of a table above 0 and up to 10⁹.
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e9)]
-#: Number of a table that is 0 or above, and finite.
+#: Number of a table from 0 up to 10⁹.
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
 #: Keys and values of a TOML table.
 Values = dict[str, Any]
@@ -29,12 +29,12 @@ MOST_BYTES = 10_000_000
 
 
 def read_toml(path: Path, name: str) -> Values:
-    """Values of a TOML file.
+    """Read the values of a TOML file.
 
     Parameters
     ----------
-    path: of the file
-    name: what messages call it, such as `scene mine.toml`
+    path: path of the file
+    name: name of the file in messages, such as `scene mine.toml`
 
     Raises
     ------
@@ -54,7 +54,7 @@ def read_toml(path: Path, name: str) -> Values:
 
 
 def parse_toml(text: str, name: str) -> Values:
-    """Values of a TOML text; errors as in `read_toml`."""
+    """Parse a TOML text; errors as in `read_toml`."""
     try:
         values = tomllib.loads(text)
         _refuse_null(values)
@@ -77,12 +77,12 @@ def _refuse_null(value: Any) -> None:
 
 
 def convert(values: Values, kind: type[Kind], name: str) -> Kind:
-    """Table of that kind from plain values.
+    """Build a table of that kind from plain values.
 
     Raises
     ------
     UserError
-        One sentence with `name`, the key, the value and what is allowed.
+        For a value that is not allowed, with `name`, key, value and what is allowed.
     """
     _refuse_unknown(values, kind, name, "")
     try:
@@ -96,7 +96,7 @@ def convert(values: Values, kind: type[Kind], name: str) -> Kind:
 
 
 def _plain(message: str, key: str, kind: Any) -> str:
-    """A validator's message in the words of a table's author."""
+    """Rewrite a validator's message in the words of TOML."""
     if message.startswith("Invalid enum value"):
         for part in key.split("."):
             kind = get_type_hints(kind)[part]
@@ -140,7 +140,7 @@ def _get(values: Any, key: str) -> Any:
 
 def _refuse_unknown(values: Any, table: type[Table], name: str, prefix: str) -> None:
     if not isinstance(values, dict):
-        return  # of the wrong type; the conversion says so
+        return  # wrong type: refused by the conversion
     config = table.__struct_config__
     tag = () if config.tag_field is None else (config.tag_field,)
     fields = {f.name: f.type for f in msgspec.structs.fields(table)}

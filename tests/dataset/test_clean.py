@@ -228,7 +228,7 @@ def test_noise_of_another_version_is_refused(both: tuple[Path, Path], tmp_path: 
 def test_compressed_pictures_are_not_kept_without_noise(
     change: dict[str, object], tmp_path: Path
 ) -> None:
-    with pytest.raises(UserError, match=r'compresses them with it: take store = "noisy"'):
+    with pytest.raises(UserError, match=r'compresses them with it: use store = "noisy"'):
         make(replace(CLEAN_TINY, **change), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -127,7 +127,7 @@ def test_frames_from_outside_have_curves_alone(
     with shown(viser_server, tmp_path / "run") as page:
         said = played(page, until)
         assert page._replay.frames == []
-    assert "cannot be repeated, its frames came from outside; only its curves are there" in said
+    assert "cannot be repeated, its frames came from outside; only its curves are shown" in said
     assert "true:" not in said
     assert "estimated: Γ" in said
 

@@ -126,7 +126,7 @@ def test_nothing_is_printed_at_the_end(port: int, capsys: Any) -> None:
 
 def test_addresses_that_cannot_be_used(typed: Typed) -> None:
     for words, sentence in (
-        (("--host", "192.0.2.7"), "host 192.0.2.7 is no address of this machine"),
+        (("--host", "192.0.2.7"), "host 192.0.2.7 is not an address of this machine"),
         (("--token", "short"), "--token: expected 16 or more"),
         (("--port", "0"), "port 0 does not exist"),
         (("--run", "nowhere"), "nowhere is not a run folder"),
@@ -134,7 +134,7 @@ def test_addresses_that_cannot_be_used(typed: Typed) -> None:
         (("dome-1", "--run", "x"), "--run has a scene of its own"),
         (("--source", "x"), "--source needs --calibration"),
         (("--source", "x", "--run", "y"), "--run and --source are two pages"),
-        (("--source", "x", "--calibration", "flat-2019"), "is of a flat pad"),
+        (("--source", "x", "--calibration", "flat-2019"), "is for a flat pad"),
     ):
         done = typed("live", *words)
         assert done.returncode == 2

@@ -134,7 +134,7 @@ def test_the_page_shows_estimates_and_no_truth(
         (("camera:37", "thesis"), "camera 37 cannot be opened"),
         (("nothing.mp4", "thesis"), "there is no nothing.mp4"),
         (("nothing.mp4", "nobody"), "no calibration 'nobody'"),
-        (("nothing.mp4", "flat-2019"), "flat-2019 is of a flat pad"),
+        (("nothing.mp4", "flat-2019"), "flat-2019 is for a flat pad"),
     ],
 )
 def test_what_is_not_there_is_a_sentence(

@@ -130,7 +130,7 @@ def test_a_mesh_is_found_beside_its_scene(tmp_path: Path) -> None:
         ({"body": "chain"}, r"dome.pitch_mm = 0.8 is for body = \"dome\""),
         ({"fingertip.nodes": 101}, r"fingertip.nodes = 101 is for body = \"chain\""),
         ({"object.surface": "stays"}, "object.surface = 'stays' is for body = \"chain\""),
-        ({"object.radius_mm": -20.0}, "takes no hollow"),
+        ({"object.radius_mm": -20.0}, "must be above 0 on a dome"),
         ({"object.shape": "box"}, r"size_mm of a box must be \[x, y, z\], got \[\]"),
         ({"object.shape": "cone", "object.size_mm": [1.0, 2.0], "object.radius_mm": 3.0}, "inf"),
         ({"object.mesh": "a.stl", "object.shape": "torus"}, "mesh takes the place of shape"),

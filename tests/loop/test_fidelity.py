@@ -66,7 +66,7 @@ def test_a_wider_tolerance_never_costs_more(one: float, other: float) -> None:
 
 def test_what_cannot_be_planned_is_refused() -> None:
     scene = load_scene("margin-60hz")
-    with pytest.raises(UserError, match=r"nothing is known to keep Γ within 0\.001"):
+    with pytest.raises(UserError, match=r"no fidelity is known to keep Γ within 0\.001"):
         choose(0.001, scene, TOLD)
     with pytest.raises(UserError, match="more than 0 and at most 1"):
         choose(0.0, scene, TOLD)
@@ -74,7 +74,7 @@ def test_what_cannot_be_planned_is_refused() -> None:
         choose(0.1, load_scene("margin-60hz", {"sensor": "fovea"}), TOLD)
     with pytest.raises(UserError, match=r"without \[defects\]"):
         choose(0.1, load_scene("margin-60hz", {"defects.dust": 20}), TOLD)
-    with pytest.raises(UserError, match="nothing was measured on the truth path"):
+    with pytest.raises(UserError, match="no fidelity was measured on the truth path"):
         choose(0.1, load_scene("margin-60hz", {"path": "truth"}), TOLD)
 
 
@@ -82,9 +82,9 @@ def test_a_table_comes_back_as_it_was_written(tmp_path: Path) -> None:
     write_cells(TOLD, tmp_path / "table.csv")
     assert read(tmp_path / "table.csv") == TOLD
     (tmp_path / "other.csv").write_text("a,b\n1,2\n", encoding="utf-8")
-    with pytest.raises(UserError, match="is no table"):
+    with pytest.raises(UserError, match="is not a table"):
         read(tmp_path / "other.csv")
-    with pytest.raises(UserError, match="is not there or empty"):
+    with pytest.raises(UserError, match="is missing or empty"):
         read(tmp_path / "none.csv")
 
 

@@ -189,7 +189,7 @@ def test_a_grasp_that_is_over_must_be_reset() -> None:
 def test_a_state_of_another_scene_is_refused() -> None:
     state = begun(SCENES["truth"]).save()
     other = begun(load_scene("camera-100hz", TRUTH))
-    with pytest.raises(UserError, match="saved of another scene"):
+    with pytest.raises(UserError, match="belongs to another scene"):
         other.restore(state)
     with pytest.raises(UserError, match="seed = -1 must be from 0 to"):
         other.reset(seed=-1)

@@ -85,7 +85,7 @@ def test_errors_are_sentences(held: Path, tmp_path: Path) -> None:
         write_reports([held, held], tmp_path / "page.html")
     with pytest.raises(UserError, match="needs a file of its own"):
         write_reports([held, held])
-    with pytest.raises(UserError, match="1 to 6 runs, not of 0"):
+    with pytest.raises(UserError, match="1 to 6 runs, not 0"):
         write_reports([])
     broken = tmp_path / "broken"
     a_run(broken)

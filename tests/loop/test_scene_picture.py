@@ -67,5 +67,5 @@ def test_a_turned_body_is_drawn_turned() -> None:
 
 
 def test_a_plane_has_no_picture() -> None:
-    with pytest.raises(UserError, match="without an end"):
+    with pytest.raises(UserError, match="of infinite size"):
         draw_bodies([solid(plane(), (0.0, 0.0, 0.0), RED)], front())

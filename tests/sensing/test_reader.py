@@ -93,7 +93,7 @@ def test_what_is_not_the_sensor_is_a_sentence_or_a_reason(
     assert math.isnan(black.friction)
     with pytest.raises(UserError, match="time of the picture"):
         reader.update(images[0])
-    with pytest.raises(UserError, match="goes forward"):
+    with pytest.raises(UserError, match="in order of time"):
         reader.update(images[0], -1.0)
     with pytest.raises(UserError, match="type float64"):
         reader.update(images[0] / 255.0, 1.0)
@@ -129,7 +129,7 @@ def test_a_plug_in_that_gives_other_markers_is_refused(
             return "nothing"
 
     reader = Reader("dome-2022", rest, tracker=Odd)
-    with pytest.raises(UserError, match="Odd gave a str; wanted: Tracks"):
+    with pytest.raises(UserError, match="Odd gave a str; expected: Tracks"):
         reader.update(images[0], 0.0)
 
 

@@ -215,7 +215,7 @@ def test_a_chain_in_a_pose_is_that_of_the_force_that_holds_it() -> None:
 
 
 def test_millimetres_are_not_taken_for_metres() -> None:
-    with pytest.raises(UserError, match="is 15 m away, most is 1 m: are these"):
+    with pytest.raises(UserError, match="is 15 m away, allowed is 1 m: are these"):
         Pose(place=(0.0, 0.0, 15.0))
 
 

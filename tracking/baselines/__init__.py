@@ -1,4 +1,4 @@
-"""Trackers that the default one is compared with, and that serve markers of any form.
+"""Baseline trackers, compared with the default one; they also follow markers of any form.
 
 Each measures the position c of a marker near its expected place: the centroid of the pixels that it
 covers, c = Σ w·x/Σ w (`detect`, `blob`, `chromatouch`), or the shift d of its window since rest,

@@ -56,7 +56,7 @@ def ensure_readout(
 
 
 def training_notice(calibration: "SensorCalibration") -> str:
-    """What `ensure_readout` is about to do for a sensor without a read-out, in one sentence.
+    """Announce the training by `ensure_readout` for a sensor without a read-out, in one sentence.
 
     Raises
     ------

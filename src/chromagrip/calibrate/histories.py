@@ -64,7 +64,7 @@ class Snapshots:
 
 
 class Plan(NamedTuple):
-    """What a history is of."""
+    """Specimen, object, drive, kind and step [s] of a history."""
 
     fingertip: Fingertip
     contact: Contact

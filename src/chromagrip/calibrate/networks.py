@@ -94,7 +94,7 @@ class Basis:
 
     @property
     def odd(self) -> Mask:
-        """Whether each field is odd."""
+        """Odd fields, bool, one for each field."""
         return np.arange(len(self.fields)) >= len(self.amounts) - 1
 
     def shapes(self, instants: Snapshots) -> Array:
@@ -328,7 +328,7 @@ class _Course:
         return network_inputs(self.scale, self.linear, noisy, level, lessons.context[some])
 
     def base(self, x: Numbers) -> Numbers:
-        """What the network adds to, of its inputs."""
+        """Linear estimate, from the inputs, to which the network's output is added."""
         count = 2 * len(self.scale)
         return self.mean + np.pad(x[:, count : count + 2], ((0, 0), (0, 1)))
 

@@ -48,15 +48,15 @@ _DESIRED = (0.1, 0.6)
 
 @dataclass(frozen=True)
 class GripTask:
-    """Where a drive may go.
+    """Limits of a random drive.
 
     Attributes
     ----------
-    times: at the start and at the end of each step of the plant [s], shape (T,)
-    middle, half: loads are taken within middle ± half, as a ratio to the grip
-    largest: grip that the object carries [N]
-    above: largest load beyond those that it holds [N]
-    drag: of the object [N·s/m]
+    times: times of the start and of the end of each step of the plant [s], shape (T,)
+    middle, half: loads are drawn within middle ± half, as a ratio to the grip
+    largest: largest grip that the object carries [N]
+    above: largest excess of a load over those that the object holds [N]
+    drag: damper of the object [N·s/m]
     """
 
     times: Array

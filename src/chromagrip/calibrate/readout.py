@@ -50,7 +50,7 @@ _SETTINGS = "settings.json"
 
 
 class _Part(NamedTuple):
-    """Histories to simulate, and the file of their lessons."""
+    """Numbers of the histories to simulate, and the file of their lessons."""
 
     numbers: range
     file: Path
@@ -65,20 +65,20 @@ def train(
     workers: int,
     tell: Callable[[str], None],
 ) -> Errors:
-    """Train a read-out and write it; the RMS errors on histories held out.
+    """Train a read-out and write it; returns the RMS errors on held-out histories.
 
-    Finished parts stay in the folder `out`.parts until the read-out is written: an interrupted
-    training that is started again computes the others only.
+    Finished parts stay in the folder `out`.parts until the read-out is written: after an
+    interruption, a new training computes only the missing parts.
 
     Parameters
     ----------
-    calibration: of the sensor
-    noise: of its camera [grey levels]
-    histories: to learn from
-    epochs: passes over them
+    calibration: calibration of the sensor
+    noise: standard deviation of a pixel of its camera [grey levels]
+    histories: number of histories to learn from
+    epochs: number of passes over them
     out: file of the read-out
-    workers: processes
-    tell: called with the current step, for a progress line
+    workers: number of processes
+    tell: function called with the current step, for a progress line
 
     Raises
     ------
@@ -118,7 +118,7 @@ def train(
 
 
 def _claim(folder: Path, calibration: SensorCalibration, noise: float) -> None:
-    """Note in a folder of parts what they are of; refuse parts of another training."""
+    """Write the settings of a training into its folder of parts; refuse those of another."""
     key = training_key(calibration.sensor, calibration.fingertip)
     settings = msgspec.json.encode({"of": msgspec.Raw(key), "noise": noise})
     file = folder / _SETTINGS
@@ -133,7 +133,7 @@ def _claim(folder: Path, calibration: SensorCalibration, noise: float) -> None:
 
 
 def _basis(calibration: SensorCalibration, noise: float) -> Basis:
-    """Basis of the first histories, with the noise of frames at rest."""
+    """Make the basis from the first histories, with the noise of frames at rest."""
     sensor, tip = calibration.sensor, calibration.fingertip
     camera = TactileSensor(sensor, body=tip, noise=noise, defects=Defects()).camera
     tracker = MarkerTracker(Palette.of_sensor(sensor), noise)
@@ -141,7 +141,7 @@ def _basis(calibration: SensorCalibration, noise: float) -> Basis:
     with closing(camera):
         tracker.reset(camera.expose_rest(state, _FRAMES))
         tracks = tracker.update(camera.expose(state, 0))
-    # Variances of the design's pairs, each that of the pair that was found nearest to it.
+    # Variances of the design's pairs: each that of the nearest pair found.
     places = sensor.view.project(sensor.shape.points(sensor.places, sensor.depths[0]))
     distance = np.linalg.norm(places[:, None] - tracks.position[0], axis=-1)
     distance[:, ~tracks.visible.all(axis=0)] = np.inf
@@ -173,7 +173,7 @@ def _shifts(
     instants: Snapshots,
     ranges: VariationRanges,
 ) -> Iterator[Array]:
-    """Shifts of snapshots under random variations, without noise, some (S, P, 6) at a time."""
+    """Yield shifts of snapshots under random variations, without noise, (S, P, 6) at a time."""
     for k in range(0, len(instants.totals), _AT_ONCE):
         chain = instants.displacement[k : k + _AT_ONCE].astype(float)
         variations = random_variations(rng, chain, ranges)
@@ -181,7 +181,7 @@ def _shifts(
 
 
 def _flipped(rng: np.random.Generator, instants: Snapshots) -> Snapshots:
-    """Snapshots of which half have x turned round, under which the model is symmetric."""
+    """Mirror a random half of the snapshots in x; the model has this symmetry."""
     turned = rng.random(len(instants.totals)) < 0.5
     flip = np.array([-1.0, 1.0], dtype=np.float32)
     side = np.where(turned, -1.0, 1.0)
@@ -198,7 +198,7 @@ def _flipped(rng: np.random.Generator, instants: Snapshots) -> Snapshots:
 
 
 def _simulate_part(tip: Fingertip, sensor: SensorDesign, basis: Basis, part: _Part) -> int:
-    """Write the lessons of some histories; how many these are."""
+    """Write the lessons of some histories; returns their number."""
     rng = np.random.default_rng([78, part.numbers[0]])
     instants = _flipped(rng, snapshots(tip, part.numbers))
     # The load is turned against the layout, by another angle in each part.

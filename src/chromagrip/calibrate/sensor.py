@@ -72,11 +72,11 @@ class _Data:
     Attributes
     ----------
     shifts: (x, y, log size) of both layers since rest, 0 where not visible, shape (K, P, 6)
-    visible: shape (K, P)
+    visible: visible pairs, shape (K, P)
     own: covariance of each press alone, shape (K, P, 6, 6)
     shared: covariance of the measurements at rest, the same error in all presses, shape (P, 6, 6)
     floor: variances of a nominal sensor's own errors, shape (6,)
-    pose: of the camera
+    pose: pose of the camera
     """
 
     shifts: Array
@@ -96,20 +96,20 @@ def calibrate_sensor(
     tell: Callable[[str], None] = lambda text: None,
     max_megapixels: float = MEGAPIXELS,
 ) -> tuple[SensorCalibration, FitReport]:
-    """Calibration of the sensor in the pictures of a folder.
+    """Calibrate the sensor in the pictures of a folder.
 
-    Presses of known force determine a dome's mechanics: those of the silicone where forces are read
-    off it (`body_read`), else those of the chain. Presses of known displacement determine the gains
-    of a flat pad, which has no force model.
+    Presses of known force determine a dome's mechanics: those of the silicone if forces are
+    estimated with it (`body_read`), else those of the chain. Presses of known displacement
+    determine the gains of a flat pad, which has no force model.
 
     Parameters
     ----------
-    folder: pictures and their list, see `presses`
-    design: the sensor as it should be
-    tracker: see `load_tracker`
-    noise: of the camera [grey levels]; None estimates it
-    tell: called with the current step, for a progress line
-    max_megapixels: largest picture that is decoded
+    folder: folder of the pictures and their list, see `presses`
+    design: design of the sensor
+    tracker: see `load_tracker` (default `fit`)
+    noise: standard deviation of a pixel [grey levels] (default: estimated)
+    tell: function called with the current step, for a progress line
+    max_megapixels: largest picture that is decoded [10⁶ pixels]
 
     Raises
     ------
@@ -154,13 +154,13 @@ def _check_forces(presses: list[Press], where: Path) -> None:
     steepest = max(presses, key=lambda press: abs(press.lateral) / press.normal)
     if abs(steepest.lateral) > _STEEPEST * steepest.normal:
         raise UserError(
-            f"press {steepest.name} of {where} has {steepest.lateral:g} N beside a normal force of "
+            f"press {steepest.name} of {where} has {steepest.lateral:g} N with a normal force of "
             f"{steepest.normal:g} N, at which a plate slips; allowed: {_STEEPEST:g} times as much"
         )
 
 
 def _check_plates(presses: list[Press], where: Path) -> None:
-    """Refuse balls and torques, of which the chain knows nothing."""
+    """Refuse balls and torques, which the chain does not describe."""
     for press in presses:
         if press.radius or press.torque:
             raise UserError(
@@ -175,7 +175,7 @@ def _fit_displacement(
     depth = np.array([press.normal for press in pressed.presses])
     shear = np.array([press.lateral for press in pressed.presses])
     with located(f"the presses of {where}"):
-        # Gains are those of the design's camera, as estimates are read.
+        # Gains refer to the design's camera, like later estimates.
         pose = rest_pose(nominal.sensor, pressed.rest)
         align = alignment(pose, nominal.sensor.view.camera, pressed.rest.position)
         tracks = [aligned(align, one) for one in pressed.tracks]
@@ -230,16 +230,16 @@ def _fit_forces(
     data = replace(data, visible=kept, own=own)
     # Other objects than a plate leave larger errors than these.
     noise = np.einsum("kpii->kpi", data.own + data.shared)[kept]
-    left = np.maximum((missed(x)[kept] ** 2 - noise).mean(axis=0), data.floor)
-    weights = whitening(data.own + np.diag(left), data.shared)
+    residual = np.maximum((missed(x)[kept] ** 2 - noise).mean(axis=0), data.floor)
+    weights = whitening(data.own + np.diag(residual), data.shared)
     x, slope = solve(missed, unknowns, weights, x, robust=False)
     covariance = np.asarray(np.linalg.inv(slope.T @ slope), dtype=float)
     deviations = unknowns.deviations(x, covariance)
     calibration, _ = unknowns.calibration(x)
     calibration = replace(
         calibration,
-        position_floor=float(np.sqrt(left[_PLACES].mean())),
-        size_floor=float(np.sqrt(left[_SIZES].mean())),
+        position_floor=float(np.sqrt(residual[_PLACES].mean())),
+        size_floor=float(np.sqrt(residual[_SIZES].mean())),
         stiffness_deviation=float(
             np.hypot(
                 _MODEL_ERROR,
@@ -264,7 +264,7 @@ def _fit_forces(
 def _without_outliers(
     error: Array, shifts: Array, covariance: Array, visible: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Pairs (K, P) whose error is near the median, and those that the presses move."""
+    """Find pairs (K, P) whose error is near the median, and those that the presses move."""
     missed, moved = (
         np.sqrt((v * np.linalg.solve(covariance, v[..., None])[..., 0]).sum(axis=-1))
         for v in (error, shifts)
@@ -300,14 +300,14 @@ def _check_fit(
 
 
 def _places_rms(values: Array) -> float:
-    """RMS of the places among (n, 6) measurements of pairs [px]; 0 of none."""
+    """RMS of the places among (n, 6) measurements of pairs [px]; 0 if n = 0."""
     return float(np.sqrt((values[:, _PLACES] ** 2).mean())) if len(values) else 0.0
 
 
 def _force_errors(
     calibration: SensorCalibration, pressed: Pressed
 ) -> tuple[float | None, float | None]:
-    """RMS errors of the presses' forces as read: normal as a share of it, friction [N]."""
+    """RMS errors of the presses' estimated forces: normal (relative) and friction [N]."""
     reader = GaussianProcess(calibration, pressed.rest)
     normal, friction = [], []
     for press, tracks in zip(pressed.presses, pressed.tracks, strict=True):

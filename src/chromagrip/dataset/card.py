@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 _COUNTED = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
 #: Bins of a histogram.
 _BINS = 10
-#: Characters of its longest bar.
+#: Length of the longest bar of a histogram [characters].
 _WIDTH = 30
-#: Relative difference that is rounding.
+#: Largest relative difference that counts as rounding.
 _ROUNDING = 1e-9
 #: Pictures in a row of the sheet.
 _ACROSS = 4
@@ -149,7 +149,7 @@ def _card(
 
 
 def _sizes(one: Loaded) -> list[str]:
-    """What a sequence holds."""
+    """Table of the sizes of a sequence."""
     height, width, _ = one.pictures[-1].shape
     nodes = one.markers["node_contact"].shape[1]
     return [
@@ -176,7 +176,7 @@ def _draws(part: Recipe | Case) -> list[str]:
 
 
 def _counts(what: str, names: list[str]) -> list[str]:
-    """Table of the sequences of each name; nothing where there are none."""
+    """Table of the number of sequences of each name; empty without names."""
     if not names:
         return []
     lines = [f"| {name} | {names.count(name)} |" for name in sorted(set(names))]
@@ -188,7 +188,7 @@ def _histogram(column: "pa.ChunkedArray") -> list[str]:
     there = values[np.isfinite(values)]
     if not len(there):
         return ["nothing"]
-    # Values that differ by rounding alone are one; all are newtons, or shares.
+    # Values that differ only by rounding count as one; all are newtons, or shares.
     alike = np.ptp(there) <= _ROUNDING * max(abs(there).max(), 1.0)
     around = (there[0] - 0.5, there[0] + 0.5) if alike else None
     counts, edges = np.histogram(there, _BINS, around)
@@ -200,7 +200,7 @@ def _histogram(column: "pa.ChunkedArray") -> list[str]:
 
 
 def _sheet(shown: list[Loaded]) -> bytes:
-    """Last pictures of some sequences with the markers' motion, forces and Γ, as a PNG."""
+    """Draw the last pictures of some sequences with the markers' motion, forces and Γ, as a PNG."""
     down = -(-len(shown) // _ACROSS)
     figure = Figure(figsize=(3.0 * _ACROSS, 3.1 * down + 0.5), layout="constrained")
     axes = figure.subplots(down, _ACROSS, squeeze=False)
@@ -220,11 +220,11 @@ def _sheet(shown: list[Loaded]) -> bytes:
 
 
 def _draw_motion(axis: Axes, one: Loaded) -> int:
-    """Draw a sequence's last picture and its markers' motion; returns how much it is magnified."""
+    """Draw a sequence's last picture and its markers' motion; returns the magnification."""
     picture, places = one.pictures[-1], one.places[:, 0]
     height, width, _ = picture.shape
-    seen = one.visible[0, 0] & one.visible[-1, 0]
-    start, moved = places[0, seen], places[-1, seen] - places[0, seen]
+    visible = one.visible[0, 0] & one.visible[-1, 0]
+    start, moved = places[0, visible], places[-1, visible] - places[0, visible]
     length = np.linalg.norm(moved, axis=1)
     largest = max(float(length.max(initial=0.0)), 1e-9)
     magnify = max([m for m in _MAGNIFY if m * largest < _ARROW * height], default=1)

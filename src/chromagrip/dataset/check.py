@@ -29,18 +29,18 @@ def check(
 ) -> int:
     """Verify a dataset's checksums, counts, ranges and physics; returns its number of sequences.
 
-    Of a frozen recipe, pictures and labels must be those that are recorded, but for rounding.
+    Pictures and labels of a frozen recipe must equal the recorded ones, except for rounding.
 
     Parameters
     ----------
-    folder: of the dataset, or its address
-    progress: called with the number of sequences that are checked, and of all
+    folder: folder of the dataset, or its address
+    progress: function called with the number of sequences checked and of all
     follow_links: whether links in the folder may lead out of it, as in caches of hubs
 
     Raises
     ------
     UserError
-        With the first sample that is wrong, and why.
+        For the first wrong sample, with the reason.
     """
     folder = fetched(folder, follow_links)
     manifest = check_shared(folder)
@@ -71,12 +71,12 @@ def check(
 
 
 def _wrong(one: Loaded, reading: str) -> Iterator[str]:
-    """Yield what is wrong with the values of a sequence: file, frame, column, and its law.
+    """Yield errors in the values of a sequence: file, frame, column, and the broken law.
 
     Parameters
     ----------
     one: sequence, whose files are whole
-    reading: reconstructor whose estimates stand next to the labels; empty for none
+    reading: reconstructor whose estimates are stored with the labels; empty: no estimates
     """
     scene, columns = one.scene, columns_of(one.scene.body, bool(reading))
     if list(one.frames) != list(columns.frame):
@@ -104,36 +104,36 @@ def _wrong(one: Loaded, reading: str) -> Iterator[str]:
 def wrong_values(
     stored: Stored, columns: Columns, driven: bool, read: dict[str, NDArray[Any]]
 ) -> Iterator[str]:
-    """Yield what is wrong with the columns of a sequence.
+    """Yield errors in the columns of a sequence.
 
     Parameters
     ----------
-    stored: the columns, of the right kinds and lengths
-    columns: that there are
-    driven: whether grip and load move the object; else its pose is prescribed
-    read: columns of the reading of its pictures; empty for none
+    stored: stored columns, of the right kinds and lengths
+    columns: expected columns
+    driven: whether grip and load move the object; otherwise its pose is prescribed
+    read: columns estimated again from its pictures; empty: no estimates
     """
     kept = {"frames": stored.frames, "markers": stored.markers}
     of = {"frames": columns.frame, "markers": columns.nodes | columns.markers}
     absent = [f"{name}.parquet, {at}" for name in kept for at in missing(of[name], kept[name])]
     yield from absent
-    if absent:  # no law can be followed from there
+    if absent:  # the laws need all columns
         return
     lawful, wrong = _PHYSICS[stored.scene.body]
     with np.errstate(all="ignore"):
         frames, markers = lawful(stored)
-        beyond = wrong(stored, driven)
+        broken = wrong(stored, driven)
         for name, wrongs in (
             ("markers", differences(columns.nodes, stored.markers, markers)),
             ("frames", differences(columns.frame, stored.frames, frames | read)),
             ("markers", differences(columns.markers, stored.markers, markers)),
             ("frames", impossible(stored.frames)),
-            ("markers", beyond),
+            ("markers", broken),
         ):
             yield from (f"{name}.parquet, {one}" for one in wrongs)
 
 
-#: Of each body: columns that follow from others, and what a body does not do.
+#: For each body: function of the columns that follow from others, and checks of its physics.
 _PHYSICS: dict[Body, tuple[Callable[[Stored], Any], Callable[[Stored, bool], Iterator[str]]]] = {
     "chain": (lawful_chain, lambda stored, driven: wrong_chain(stored)),
     "dome": (lawful_dome, lambda stored, driven: wrong_dome(stored, driven=driven)),

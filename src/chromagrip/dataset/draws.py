@@ -1,4 +1,4 @@
-"""How a value is drawn: `{ uniform = [low, high] }` and the like."""
+"""Random draws of values, such as `{ uniform = [low, high] }`."""
 
 import math
 from typing import Any
@@ -7,14 +7,14 @@ import numpy as np
 
 from ..errors import UserError
 
-#: A way of drawing with its numbers.
+#: A kind of draw with its numbers.
 How = dict[str, list[Any]]
-#: Numbers that each way of drawing takes; None is any.
+#: How many numbers each kind of draw takes; None: any.
 _DRAWS = {"uniform": 2, "log_uniform": 2, "normal": 4, "choice": None, "each": None}
 
 
 def draw(how: How, rng: np.random.Generator, turn: int) -> Any:
-    """A value; of `each` the one whose turn it is."""
+    """Draw a value; `each` cycles through its list by `turn`."""
     ((kind, numbers),) = how.items()
     if kind == "choice":
         return numbers[int(rng.integers(len(numbers)))]
@@ -32,27 +32,27 @@ def draw(how: How, rng: np.random.Generator, turn: int) -> Any:
 
 
 def check_draw(how: How, name: str) -> None:
-    """Refuse a draw that is none.
+    """Refuse an invalid draw; `name` is its place in messages.
 
     Raises
     ------
     UserError
-        With `name`, which says where it stands.
+        For an unknown kind, and for numbers that are not allowed.
     """
     if len(how) != 1 or next(iter(how)) not in _DRAWS:
         raise UserError(f"{name}: expected one of {', '.join(_DRAWS)}")
     ((kind, numbers),) = how.items()
-    wanted = _DRAWS[kind]
-    if wanted is None:
+    count = _DRAWS[kind]
+    if count is None:
         if not numbers:
             advice = ": give --meshes FOLDER" if name.endswith("object.mesh") else ""
             raise UserError(f"{name}: {kind} needs something to choose from{advice}")
         return
-    if len(numbers) != wanted or not all(isinstance(v, int | float) for v in numbers):
-        raise UserError(f"{name}: {kind} takes {wanted} numbers, got {numbers}")
+    if len(numbers) != count or not all(isinstance(v, int | float) for v in numbers):
+        raise UserError(f"{name}: {kind} takes {count} numbers, got {numbers}")
     low, high = numbers[-2:]
     if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-        raise UserError(f"{name}: from {low} to {high} there is nothing to draw")
+        raise UserError(f"{name}: the range from {low} to {high} is empty")
     if kind == "log_uniform" and not low > 0.0:
         raise UserError(f"{name}: log_uniform starts above 0, got {low}")
     if kind == "normal" and not (numbers[1] > 0.0 and low <= numbers[0] <= high):

@@ -54,7 +54,7 @@ FILES = "files.json"
 #: Camera of a sequence in OpenCV's format, with its place on the sensor's axis and the silicone's
 #: surface that it looks through.
 CAMERA = "camera.yml"
-#: Values that were drawn for each sequence.
+#: Table of the values drawn for each sequence.
 TABLE = "sequences.parquet"
 #: Description of a dataset for people.
 CARD = "DATASET_CARD.md"
@@ -80,7 +80,7 @@ _OF_DATASET = re.compile(
 _IN_SEQUENCE = ("scene.toml", "frames.parquet", "markers.parquet")
 _IN_DATASET = (RECIPE, TABLE)
 Digest = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
-#: What a drawn value may be: deeper tables than an object's are in no recipe.
+#: Type of a drawn value; no recipe has deeper tables than an object's.
 _Plain = str | int | float | bool | None
 _Flat = _Plain | list[_Plain] | dict[str, _Plain]
 _Nested = _Plain | list[_Flat] | dict[str, _Flat]
@@ -106,11 +106,11 @@ class FileList(TypedDict):
 
 
 def sequence_name(number: int) -> str:
-    """Folder of a sequence.
+    """Name of a sequence's folder.
 
     Parameters
     ----------
-    number: of the sequence, from 0
+    number: number of the sequence, from 0
     """
     return f"sequence-{number:06d}"
 
@@ -128,22 +128,22 @@ def numbers_in(folder: Path) -> list[int]:
 
 
 def is_sequence(name: str) -> bool:
-    """Whether a sequence's folder may have that name."""
+    """Return True for a name that a sequence's folder can have."""
     return _SEQUENCE.fullmatch(name) is not None
 
 
 def is_shared(name: str) -> bool:
-    """Whether a dataset's file that is no sequence's may have that name."""
+    """Return True for a name that a dataset's own file, outside of sequences, can have."""
     return _OF_DATASET.fullmatch(name) is not None and ".." not in name.split("/")
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Manifest of a dataset.
+    """Read the manifest of a dataset.
 
     Raises
     ------
     UserError
-        When there is none, because the folder is no dataset or not complete.
+        When it is missing, because the folder is not a dataset or not complete.
     """
     path = folder / MANIFEST
     if not path.is_file():
@@ -161,11 +161,11 @@ def read_manifest(folder: Path) -> Manifest:
 def _check_names(
     path: Path, names: Iterable[str], allowed: re.Pattern[str], needed: tuple[str, ...]
 ) -> None:
-    """Refuse names that are not of the format: they are joined to a folder's."""
+    """Refuse names that the format does not have: they are joined to a folder's path."""
     for name in names:
         if not allowed.fullmatch(name):
             raise UserError(f"{path} names {shortened(name)}, which no dataset has; {MEND}")
-        inside(path.parent, name, follow_links=True)  # links were looked at when it was opened
+        inside(path.parent, name, follow_links=True)  # links were checked when it was opened
     for name in needed:
         if name not in names:
             raise UserError(f"{path} does not name {name}; {MEND}")
@@ -173,7 +173,7 @@ def _check_names(
 
 @lru_cache(maxsize=1)
 def made_with() -> dict[str, str]:
-    """Versions that decide a dataset's bytes."""
+    """Versions that determine a dataset's bytes."""
     return versions() | {"pyarrow": version("pyarrow")}
 
 
@@ -204,12 +204,12 @@ def own_files(folder: Path) -> list[str]:
 
 
 def read_files(sequence: Path) -> FileList:
-    """List of the files of a sequence's folder.
+    """Read the list of the files of a sequence's folder.
 
     Raises
     ------
     UserError
-        When it is missing, damaged, or names what is no file of a sequence.
+        When it is missing or damaged, or has a name that no file of a sequence has.
     """
     path = sequence / FILES
     listed = _read_json(path, FileList)
@@ -230,9 +230,9 @@ def _read_json(path: Path, kind: type[Content]) -> Content:
 
 
 def link(source: Path, target: Path) -> None:
-    """Give a file another name: as a hard link where the disk can, else as a copy."""
+    """Give a file another name: as a hard link if possible, else as a copy."""
     try:
-        target.hardlink_to(source.resolve())  # of a cache's link the file
+        target.hardlink_to(source.resolve())  # a cache's link is resolved to its file
     except OSError:
         shutil.copyfile(source, target)
 
@@ -253,7 +253,7 @@ def file_digest(path: Path) -> str:
 
 
 def open_recipe(folder: Path) -> Recipe:
-    """Recipe of a dataset's folder; files that it names lie in there."""
+    """Load the recipe of a dataset's folder; its files must be inside the folder."""
     with located(f"{folder}"):
         check_named(folder / RECIPE, folder)
         for sensor in folder.glob(f"{SENSORS}/*/*.toml"):
@@ -267,7 +267,7 @@ def check_named(path: Path, folder: Path) -> None:
     Raises
     ------
     UserError
-        With the first such file, or when `path` cannot be read.
+        For the first such file, and when `path` cannot be read.
     """
     home = os.path.abspath(folder)
     for name in _named_files(read_toml(path, f"file {path}")):
@@ -276,7 +276,7 @@ def check_named(path: Path, folder: Path) -> None:
 
 
 def _named_files(values: Any, key: str = "") -> Iterator[str]:
-    """Names of files below a key; those of shipped sensors have no end."""
+    """Names of files below a key, and of shipped sensors, which have no suffix."""
     if isinstance(values, dict):
         for name, value in values.items():
             last = name.rpartition(".")[2]
@@ -313,7 +313,7 @@ def keep_recipe(recipe: Recipe, folder: Path) -> None:
 
 
 def _check_versions(folder: Path) -> None:
-    """Refuse an incomplete dataset of other versions; damaged lists say nothing of them."""
+    """Refuse an incomplete dataset of other versions; damaged lists are skipped."""
     others: list[dict[str, str]] = []
     for number in numbers_in(folder):
         with suppress(UserError):

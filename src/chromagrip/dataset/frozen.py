@@ -1,8 +1,8 @@
-"""Frozen recipes: what their sequences show is recorded with the code.
+"""Frozen recipes: digests of their sequences are recorded with the code.
 
-Digests are of pixels and labels, not of files, which name versions and are packed by libraries.
-Another kind of processor may round a pixel or a label differently. Then a sample of both tells this
-from other pictures.
+Digests cover pixels and labels, not files, which name versions and are packed by libraries.
+Another kind of processor may round a pixel or a label differently. A sample of both distinguishes
+this from other pictures.
 """
 
 import hashlib
@@ -24,29 +24,29 @@ from .read import load_sequence
 from .recipe import SHIPPED, Recipe, load_recipe
 from .remote import fetched
 
-#: How a sequence is beside what is recorded of it.
+#: Result of comparing a sequence with its record.
 Likeness = Literal["same", "rounded", "other pictures", "other labels"]
 
-#: Frozen recipes whose pictures an earlier version made, and what is made in their place.
+#: Frozen recipes of an earlier version's pictures, and the recipes that replace them.
 OLDER = {"benchmark-v1": "benchmark-v2"}
 #: Decimals of labels in the digest [px, mm, N and so on].
 _DECIMALS = 3
-#: Pixels and labels in the sample.
+#: Number of pixels and of labels in the sample.
 _PIXELS, _LABELS = 400, 200
 #: Share of sampled pixels that rounding may change, by one level.
 _ROUNDED = 0.02
-#: What rounding may change a sampled label by.
+#: Largest change of a sampled label by rounding.
 _LABEL = 2e-3
 
 
 class Content(msgspec.Struct, frozen=True):
-    """What a sequence shows.
+    """Digests and samples of a sequence.
 
     Attributes
     ----------
     pictures, labels: SHA-256 of all pixels, and of all labels, rounded
-    pixels: some levels, in hexadecimal digits
-    values: some labels
+    pixels: sample of levels, in hexadecimal digits
+    values: sample of labels
     """
 
     pictures: str
@@ -61,15 +61,15 @@ class Frozen:
 
     Attributes
     ----------
-    name: of the recipe
-    sequences: what is recorded, by the name of the sequence
+    name: name of the recipe
+    sequences: recorded digests, by the name of the sequence
     """
 
     name: str
     sequences: dict[str, Content]
 
     def likeness(self, sequence: str, found: Content) -> Likeness:
-        """How a sequence is beside what is recorded; one of which nothing is recorded is itself."""
+        """Compare a sequence with its record; a sequence without a record counts as the same."""
         recorded = self.sequences.get(sequence, found)
         if (recorded.pictures, recorded.labels) == (found.pictures, found.labels):
             return "same"
@@ -82,7 +82,7 @@ class Frozen:
 
 
 def frozen_as(recipe: Recipe) -> Frozen | None:
-    """The frozen recipe that this is, with any sequences, labels of pixels, reading and store."""
+    """Find the frozen recipe equal to this one but for sequences, truth, reading and store."""
     for file in sorted(SHIPPED.iterdir(), key=lambda file: file.name):
         name = file.name.removesuffix(".json")
         if name == file.name:
@@ -95,7 +95,7 @@ def frozen_as(recipe: Recipe) -> Frozen | None:
 
 
 def refuse_older(recipe: Recipe) -> None:
-    """UserError for a frozen recipe whose pictures this version does not make."""
+    """Refuse a frozen recipe whose pictures this version does not make."""
     frozen = frozen_as(recipe)
     if frozen is not None and frozen.name in OLDER:
         raise UserError(
@@ -105,7 +105,7 @@ def refuse_older(recipe: Recipe) -> None:
 
 
 def content_of(folder: Path) -> Content:
-    """What a sequence's folder shows."""
+    """Digests and samples of a sequence's folder."""
     one = load_sequence(folder)
     levels = np.stack([one.pictures.rest, *one.pictures])
     labels = {name: values for name, values in one.frames.items() if name not in READING}
@@ -122,7 +122,7 @@ def content_of(folder: Path) -> Content:
 
 
 def seal(folder: Place, *, follow_links: bool = False) -> dict[str, Any]:
-    """Digest of a dataset of a frozen recipe, and how it is beside it; of another one nothing."""
+    """Digest of a dataset of a frozen recipe, compared with its record; empty for another one."""
     folder = fetched(folder, follow_links)
     frozen = frozen_as(open_recipe(folder))
     if frozen is None:
@@ -160,5 +160,5 @@ def _bytes(name: str, values: NDArray[Any]) -> tuple[bytes, bytes]:
 
 
 def _sampled(values: NDArray[Any], count: int) -> NDArray[Any]:
-    """That many of the values, evenly."""
+    """Take `count` of the values, evenly."""
     return np.asarray(values[np.linspace(0, len(values) - 1, count).astype(int)])

@@ -1,4 +1,4 @@
-"""Making a dataset: sequences by any number of workers in any order, then table, card, manifest."""
+"""Make a dataset: sequences by any number of workers in any order, then table, card, manifest."""
 
 import os
 import re
@@ -49,11 +49,11 @@ from .remote import Sender, fetch_begun, fetched, has_dataset, is_address, stage
 from .sequence import was_drawn, write_sequence
 
 Backend = Literal["joblib", "dask", "ray"]
-#: Sequences submitted to a cluster at a time: enough for many workers, and few enough for memory.
+#: Number of sequences submitted to a cluster at a time: enough for many workers, and for memory.
 _WAITING = 2000
 #: End of the message of an interruption.
 _GO_ON = "what is done is kept, go on with --resume"
-#: Makes the sequence of a number.
+#: Function that makes the sequence of a number, and returns the number.
 Job = Callable[[int], int]
 
 
@@ -71,21 +71,21 @@ def make(
 ) -> Manifest:
     """Make the sequences of a recipe that a folder does not hold yet; returns the manifest.
 
-    Sequence k depends on the recipe and k alone: workers, shards and interruptions change no byte.
-    What the folder holds is verified, and made again where it is damaged. Everything is on the
-    disk, not in its cache alone, before the manifest is written.
+    Sequence k depends only on the recipe and k: workers, shards and interruptions change no byte.
+    Existing sequences are verified, and made again if they are damaged. Everything is on the disk,
+    not only in its cache, before the manifest is written.
 
     Parameters
     ----------
-    recipe: of the dataset
+    recipe: recipe of the dataset
     out: folder, or address of fsspec, new or empty; with `resume` that of an interrupted run
-    workers: number of processes on this machine; a running cluster uses all of its own
-    shard: (i, K), from 1: this run makes every K-th sequence from the i-th on
-    backend: library that runs the work; dask and ray are extras
-    address: of a running cluster
-    resume: continue an interrupted run; the recipe may have more sequences than before
-    progress: called with the number of sequences that are done and of all
-    damaged: called with the names of the sequences that were there and are made again
+    workers: number of processes on this machine (default 1); a running cluster uses all of its own
+    shard: (i, K), from 1: this run makes every K-th sequence from the i-th on (default: all)
+    backend: library that runs the work (default `joblib`); dask and ray are extras
+    address: address of a running cluster (default: none is used)
+    resume: whether to continue an interrupted run; the recipe may have more sequences than before
+    progress: function called with the number of sequences done and of all
+    damaged: function called with the names of damaged sequences that are made again
 
     Raises
     ------
@@ -100,27 +100,27 @@ def make(
         return _make_at(recipe, os.fspath(out), resume, progress, how)
     out = Path(out)
     first, step = shard
-    wanted = range(first - 1, recipe.sequences, step)
-    if not wanted:
+    ours = range(first - 1, recipe.sequences, step)
+    if not ours:
         raise UserError(f"shard {first}/{step} of {recipe.sequences} sequences has none")
     with _begun(out, resume):
         recipe, again = _taken_up(recipe, out)
         damaged(again)
         there = set(numbers_in(out))
-        todo = [number for number in wanted if number not in there]
-        before = len(wanted) - len(todo)
-        progress(before, len(wanted))
+        todo = [number for number in ours if number not in there]
+        before = len(ours) - len(todo)
+        progress(before, len(ours))
         results = _results(recipe, todo, out, workers, backend, address)
         with _syncing(out, there) as sync, closing(results):
             for done, number in enumerate(results, before + 1):
                 sync(number)
-                progress(done, len(wanted))
+                progress(done, len(ours))
         return _finish(out, recipe)
 
 
 @contextmanager
 def _begun(out: Path, resume: bool) -> Iterator[None]:
-    """Hold a new folder, or one of a dataset that is gone on with."""
+    """Lock a new folder, or that of an interrupted run."""
     begun = (out / RECIPE).exists()
     if begun and not resume:
         raise UserError(f"{out} holds a dataset already; go on with --resume, or choose another")
@@ -131,9 +131,9 @@ def _begun(out: Path, resume: bool) -> Iterator[None]:
 
 
 def _taken_up(recipe: Recipe, out: Path) -> tuple[Recipe, list[str]]:
-    """Recipe of a folder that is filled, and the names of damaged sequences, which are removed."""
+    """Write the recipe, and remove damaged sequences; returns the recipe and their names."""
     digests: dict[str, str] = {}
-    with suppress(UserError):  # only a whole dataset has them
+    with suppress(UserError):  # only a complete dataset has them
         digests = read_manifest(out)["sequences"]
     recipe = keep_files(recipe, out)
     keep_recipe(recipe, out)
@@ -151,7 +151,7 @@ def _taken_up(recipe: Recipe, out: Path) -> tuple[Recipe, list[str]]:
 
 
 def _is_whole(path: Path, recipe: Recipe, digest: str | None) -> bool:
-    """Whether a sequence has the files and the values that it was made with."""
+    """Return True if a sequence has the files and the values with which it was made."""
     try:
         check_files(path, digest or file_digest(path / FILES))
         listed = read_files(path)
@@ -167,7 +167,7 @@ def _is_whole(path: Path, recipe: Recipe, digest: str | None) -> bool:
 
 @contextmanager
 def _syncing(out: Path, there: Iterable[int]) -> Iterator[Callable[[int], None]]:
-    """Have the disk keep sequences, in a thread beside the work; all are kept at the end."""
+    """Write sequences through to the disk in a thread; all are written at the end."""
     waiting: deque[Future[None]] = deque()
     with ThreadPoolExecutor(1) as pool:
 
@@ -191,7 +191,7 @@ def _sync(folder: Path) -> None:
 
 
 def _check_made(recipe: Recipe) -> None:
-    """UserError for a recipe that cannot be made here."""
+    """Refuse a recipe that cannot be made here."""
     require("data")
     check_asked(recipe)
     refuse_older(recipe)
@@ -221,12 +221,12 @@ def _make_at(
 
 
 def merge(folders: Iterable[Place], out: Place, *, follow_links: bool = False) -> Manifest:
-    """One dataset of several shards of a recipe, in a new folder; returns its manifest.
+    """Merge several shards of a recipe into one dataset in a new folder; returns its manifest.
 
     Parameters
     ----------
-    folders: of the shards, or their addresses
-    out: folder, or address, new or empty; nothing of it is left where the merge fails
+    folders: folders of the shards, or their addresses
+    out: folder, or address, new or empty; it is removed if the merge fails
     follow_links: whether links in the shards may lead out of them, as in caches of hubs
 
     Raises
@@ -266,7 +266,7 @@ def merge(folders: Iterable[Place], out: Place, *, follow_links: bool = False) -
 
 
 def _own(folder: Path) -> set[tuple[str, str]]:
-    """The user's own files with their checksums."""
+    """List the user's own files with their checksums."""
     return {(name, file_digest(folder / name)) for name in own_files(folder)}
 
 
@@ -280,10 +280,10 @@ def _finish(out: Path, recipe: Recipe) -> Manifest:
 def _results(
     recipe: Recipe, todo: list[int], out: Path, workers: int, backend: Backend, address: str
 ) -> Generator[int, None, None]:
-    """Numbers of sequences as they are made."""
+    """Make sequences, and yield their numbers."""
     job = partial(_make, msgspec.msgpack.encode(recipe), str(out.absolute()))
     if address and backend == "joblib":
-        raise UserError("--address goes with --backend dask or ray")
+        raise UserError("--address needs --backend dask or ray")
     if backend == "joblib":
         yield from map_processes(job, todo, workers, advice=_GO_ON)
     elif todo:
@@ -332,16 +332,16 @@ def _dask(job: Job, todo: list[int], workers: int, address: str) -> Generator[in
         except OSError as error:
             raise _absent("Dask", address, error) from None
 
-        # The sequences of a worker that dies are made by the others.
+        # If a worker dies, the others make its sequences.
         def submit(number: int) -> Any:
             return client.submit(job, number, pure=False, retries=3)
 
-        left = iter(todo)
-        waiting = as_completed([submit(number) for number in islice(left, _WAITING)])
+        remaining = iter(todo)
+        waiting = as_completed([submit(number) for number in islice(remaining, _WAITING)])
         try:
             for future in waiting:
                 yield future.result()
-                waiting.update([submit(number) for number in islice(left, 1)])
+                waiting.update([submit(number) for number in islice(remaining, 1)])
         except KilledWorker as error:
             raise UserError(f"{error.task} killed several workers in turn; {_GO_ON}") from None
         except (CancelledError, OSError) as error:
@@ -360,12 +360,12 @@ def _ray(job: Job, todo: list[int], workers: int, address: str) -> Generator[int
         raise _absent("Ray", address, error) from None
     try:
         remote = ray.remote(max_retries=3)(lambda number: job(number))
-        left = iter(todo)
-        waiting = [remote.remote(number) for number in islice(left, _WAITING)]
+        remaining = iter(todo)
+        waiting = [remote.remote(number) for number in islice(remaining, _WAITING)]
         while waiting:
             ready, waiting = ray.wait(waiting)
             yield from ray.get(ready)
-            waiting += [remote.remote(number) for number in islice(left, len(ready))]
+            waiting += [remote.remote(number) for number in islice(remaining, len(ready))]
     except ray.exceptions.RayTaskError as error:
         raise error.cause from None
     except ray.exceptions.RayError as error:

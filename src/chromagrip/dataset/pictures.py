@@ -41,7 +41,7 @@ FRAME: dict[Store, str] = {"noisy": "frame", "clean": "change"}
 
 
 class NoiseKey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the noise of a sequence's pictures is made from; content of `noise.json`.
+    """Settings from which the noise of a sequence's pictures is made; content of `noise.json`.
 
     Attributes
     ----------
@@ -189,5 +189,5 @@ def _kept(path: Path) -> Any:
 
 @lru_cache(maxsize=16)
 def _read(path: Path, changed: int) -> Any:
-    """What the file holds that was changed at that time."""
+    """Read a file; `changed`, the time of its last change, is part of the cache's key."""
     return read_key(path.parent) if path.name == NOISE else read_picture(path)

@@ -1,4 +1,4 @@
-"""Reading a dataset: its sequences, their tables, and a summary."""
+"""Read a dataset: its sequences, their tables, and a summary."""
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -44,12 +44,13 @@ class Loaded:
 
     Attributes
     ----------
-    number: in the dataset
-    values: that were drawn
-    scene: that was run
+    number: number in the dataset
+    values: drawn values, by key
+    scene: scene that was run
     frames: values of every frame, by column of FRAME, shape (T,)
-    markers: of every frame, by column of MARKERS and NODES, shape (T, 2M), (T, M) or (T, N)
-    pictures: of every frame; `pictures[t]` and `pictures.rest` read one, whatever the store
+    markers: values of markers and nodes in every frame, by column of MARKERS and NODES, shape
+        (T, 2M), (T, M) or (T, N)
+    pictures: pictures of every frame; `pictures[t]` and `pictures.rest` read one from any store
     """
 
     number: int
@@ -60,7 +61,7 @@ class Loaded:
     pictures: Pictures
 
     def images(self) -> Iterator[NDArray[np.uint8]]:
-        """Pictures one by one, RGB, shape (H, W, 3)."""
+        """Read the pictures one by one, RGB, shape (H, W, 3)."""
         return iter(self.pictures)
 
     @property
@@ -71,7 +72,7 @@ class Loaded:
 
     @property
     def visible(self) -> NDArray[np.bool_]:
-        """Whether a marker is visible, shape (T, 2, M)."""
+        """Visible markers, bool, shape (T, 2, M)."""
         flat = self.markers["visible"]
         return np.asarray(flat.reshape(len(flat), 2, -1), dtype=np.bool_)
 
@@ -79,18 +80,18 @@ class Loaded:
 def load_sequences(
     folder: Place, part: str | None = None, *, follow_links: bool = False
 ) -> Iterator[Loaded]:
-    """Sequences of a dataset, in order.
+    """Read the sequences of a dataset, in order.
 
     Parameters
     ----------
-    folder: of the dataset, or its address
-    part: of its split; None is all of it
+    folder: folder of the dataset, or its address
+    part: part of its split (default: all sequences)
     follow_links: whether links in the folder may lead out of it, as in caches of hubs
 
     Raises
     ------
     UserError
-        When the folder is no complete dataset, is damaged, or has no such part.
+        When the folder is not a complete dataset, is damaged, or has no such part.
     """
     folder = fetched(folder, follow_links)
     names = list(read_manifest(folder)["sequences"]) if part is None else names_of(folder, part)
@@ -99,17 +100,17 @@ def load_sequences(
 
 
 def verified(folder: Path, names: Iterable[str] | None = None) -> Iterator[Loaded]:
-    """Sequences whose files have the checksums of the dataset, and whose rest can be seen.
+    """Read sequences after verifying their checksums and their picture at rest.
 
     Parameters
     ----------
-    folder: of the dataset
-    names: of the sequences; None is all of them
+    folder: folder of the dataset
+    names: names of the sequences (default: all)
 
     Raises
     ------
     UserError
-        With the first file that is missing, has changed or is damaged.
+        For the first file that is missing, has changed or is damaged.
     """
     digests = read_manifest(folder)["sequences"]
     for name in digests if names is None else names:
@@ -122,12 +123,12 @@ def verified(folder: Path, names: Iterable[str] | None = None) -> Iterator[Loade
 
 
 def check_shared(folder: Path) -> Manifest:
-    """Verify the files of a dataset that are no sequence's; returns its manifest.
+    """Verify the files of a dataset that belong to no sequence; returns its manifest.
 
     Raises
     ------
     UserError
-        With the first file that is missing or has changed.
+        For the first file that is missing or has changed.
     """
     manifest = read_manifest(folder)
     for name, digest in manifest["files"].items():
@@ -144,7 +145,7 @@ def check_files(folder: Path, digest: str) -> None:
     Raises
     ------
     UserError
-        With the first file that is missing, has changed or does not belong there.
+        For the first file that is missing, has changed or does not belong there.
     """
     if not (folder / FILES).is_file():
         raise UserError(f"{folder / FILES} is missing; {MEND}")
@@ -161,12 +162,12 @@ def check_files(folder: Path, digest: str) -> None:
 
 
 def load_sequence(where: Path) -> Loaded:
-    """One sequence of a dataset, by its folder.
+    """Read one sequence of a dataset from its folder.
 
     Raises
     ------
     UserError
-        When a file of it is missing or damaged, or they are not of each other.
+        When a file of it is missing or damaged, or files belong to different sequences.
     """
     listed = read_files(where)
     if sequence_name(listed["number"]) != Path(os.path.abspath(where)).name:
@@ -191,7 +192,7 @@ def load_sequence(where: Path) -> Loaded:
 
 
 def _tables(where: Path, scene: Scene, rows: int) -> tuple[Arrays, Arrays]:
-    """Columns of frames and of markers, of so many frames as there are pictures."""
+    """Read the columns of frames and of markers; `rows` is the number of pictures."""
     path = where / "frames.parquet"
     columns = columns_of(scene.body)
     table = read_table(path, rows, frame_types(columns), others=True)
@@ -212,14 +213,14 @@ def _tables(where: Path, scene: Scene, rows: int) -> tuple[Arrays, Arrays]:
     for name, length in (lengths | {"overlap": pairs}).items():
         if markers[name].shape[1] != length:
             raise damaged(path, f"{name} has lists of {markers[name].shape[1]}, not of {length}")
-    seen = markers["visible"]
-    if not (np.isfinite(markers["x_px"][seen]) & np.isfinite(markers["y_px"][seen])).all():
+    visible = markers["visible"]
+    if not (np.isfinite(markers["x_px"][visible]) & np.isfinite(markers["y_px"][visible])).all():
         raise damaged(path, "a visible marker has no x_px or y_px")
     return frames, markers
 
 
 def _check_frames(path: Path, table: Any, known: Iterable[str]) -> None:
-    """Refuse a table with other columns than these, and frames that are not counted from 0."""
+    """Refuse a table with unknown columns, or with frames that are not numbered from 0."""
     if strange := [name for name in table.column_names if name not in known]:
         raise damaged(path, f"column {shortened(strange[0])} does not belong there")
     if (table["frame"].to_numpy() != np.arange(table.num_rows)).any():
@@ -252,7 +253,7 @@ def summarise(folder: Place, *, follow_links: bool = False) -> dict[str, object]
 def tables(
     folder: Path, names: Iterable[str], columns: Sequence[str] | None = None
 ) -> "Iterator[pa.Table]":
-    """Table of the frames of each of these sequences, with some of its columns or all."""
+    """Read the table of frames of each sequence, with the given columns (default: all)."""
     types = frame_types(columns_of("dome", reading=True))
     for name in names:
         own = {column: types[column] for column in columns or ("frame",)}

@@ -1,4 +1,4 @@
-"""Recipes of datasets: values that all sequences share, and how others are drawn for each."""
+"""Recipes of datasets: values that all sequences share, and random draws of the others."""
 
 import copy
 import math
@@ -26,13 +26,13 @@ from ..tracking import DEFAULT_RECONSTRUCTOR, METHODS
 from .draws import How, check_draw, draw, ends
 from .labels import DOME_TRUTH
 
-#: How pictures are kept, see `pictures`.
+#: Format of the kept pictures, see `pictures`.
 Store = Literal["noisy", "clean"]
 Truth = Literal["depth", "flow", "masks", "traction", "contact"]
 
-#: Kinds of motion: all are driven by forces, but a `move` goes to a pose, on a dome alone.
+#: Kinds of motion: forces drive all except a `move`, which goes to a pose, only on a dome.
 MOTIONS = ("press", "grasp", "slip", "move")
-#: Keys of a pose with the least and the largest value: depth over the thickness of the silicone,
+#: Keys of a pose with the smallest and the largest value: depth over the silicone's thickness,
 #: shear and its direction, turn, tilt and its direction, and turn before the press.
 POSE = {
     "pose.press_share": (0.0, 0.8),
@@ -43,9 +43,9 @@ POSE = {
     "pose.tilt_towards_deg": (-360.0, 360.0),
     "pose.azimuth_deg": (-360.0, 360.0),
 }
-#: Key of the name of a sequence's case, beside the values that are drawn for it.
+#: Key of the name of a sequence's case, among its drawn values.
 CASE = "case"
-#: Keys that are no scene's: the case, kind of motion, grip [N], the load over µ·grip of a grasp and
+#: Keys that no scene has: the case, kind of motion, grip [N], the load over µ·grip of a grasp and
 #: of a slip, and the pose of a move.
 OWN = (CASE, "motion", "grip_n", "share", "slip_share", *POSE)
 #: Start and end of the growth of the load, as shares of a sequence's duration.
@@ -54,23 +54,23 @@ _GROWS: dict[str, tuple[float, float]] = {"grasp": (0.25, 0.6), "slip": (0.25, 0
 
 #: Ends of the names of files of meshes.
 MESHES = (".stl", ".obj", ".ply", ".off", ".glb")
-#: Defects that change a picture after its noise, which cannot be added again then.
+#: Defects that change a picture after its noise, so that the noise cannot be added again.
 AFTER_NOISE = ("defects.jpeg_quality", "defects.h264_crf")
-#: Values of TOML tables: of a scene, or drawn ones by key of a scene or of OWN.
+#: Values of TOML tables: those of a scene, or drawn ones by key of a scene or in OWN.
 Values = dict[str, Any]
-#: What has tables of a scene and draws.
+#: Table with tables of a scene and draws.
 Part = TypeVar("Part", "Case", "Recipe")
 #: Folder of the shipped recipes.
 SHIPPED = files(__package__) / "recipes"
 
 
 class Case(Table, frozen=True):
-    """Some sequences of a dataset, which share more than all of them do.
+    """Group of a dataset's sequences that share further values.
 
     Attributes
     ----------
-    name: of the case
-    scene, draw: as those of a recipe, beside which they stand; what is here is not taken from there
+    name: name of the case
+    scene, draw: as in a recipe, whose values they extend and replace
     """
 
     name: Annotated[str, Meta(min_length=1)]
@@ -83,19 +83,19 @@ class Recipe(Table, frozen=True):
 
     Attributes
     ----------
-    description: one line
-    sequences: number of them, unless the command line gives another
-    seed: of everything that is drawn; sequence k depends on it and k alone
-    truth: labels of every pixel that are kept beside those of markers and forces
-    reading: reconstructor whose estimates from the pictures stand beside the labels; `auto` is that
-        of a sequence's body; empty for none
-    store: how pictures are kept: `noisy` as they are, `clean` without their noise, which is added
+    description: one line of text
+    sequences: number of sequences, unless the command line gives another
+    seed: seed of all draws; sequence k depends only on it and k
+    truth: labels of every pixel, kept in addition to those of markers and forces
+    reading: reconstructor whose estimates from the pictures are kept with the labels; `auto` is the
+        one for a sequence's body; empty: no estimates
+    store: format of kept pictures: `noisy` as they are, `clean` without their noise, which is added
         again when they are read
     scene: tables of a scene, the same in every sequence
-    draw: key of a scene, with dots, or one of OWN → how it is drawn: `{ uniform = [low, high] }`,
-        `{ log_uniform = [low, high] }`, `{ normal = [mean, deviation, low, high] }` (outside of the
-        bounds it is drawn again), `{ choice = [...] }`, or `{ each = [...] }`, one after the other
-    cases: sequence k is of the case k mod the number of them; with none, all are alike
+    draw: key of a scene, with dots, or in OWN → its draw: `{ uniform = [low, high] }`,
+        `{ log_uniform = [low, high] }`, `{ normal = [mean, deviation, low, high] }` (drawn again
+        outside of the bounds), `{ choice = [...] }`, or `{ each = [...] }`, in turn
+    cases: groups of sequences; sequence k belongs to case k mod their number (default: no groups)
     """
 
     description: str = ""
@@ -120,18 +120,18 @@ def load_recipe(
     *,
     allow: Collection[str] = (),
 ) -> Recipe:
-    """Recipe of that name, or of a TOML file.
+    """Load a recipe by name or from a TOML file.
 
     Parameters
     ----------
-    name: shipped, or a file
-    meshes: folder of the objects that are drawn, instead of the recipe's
-    allow: modules that a `module:Class` in the file may be imported from, see `load_scene`
+    name: name of a shipped recipe, or path of a file that ends in `.toml`
+    meshes: folder of meshes from which objects are drawn, instead of the recipe's
+    allow: modules from which a `module:Class` in the file may be imported, see `load_scene`
 
     Raises
     ------
     UserError
-        With the key, the value and what is allowed.
+        For a value that is not allowed, with the key, the value and what is allowed.
     """
     name = os.fspath(name)
     title = f"recipe {name}"
@@ -144,7 +144,7 @@ def load_recipe(
             f"no recipe {name!r}; there is {', '.join(recipe_names())}, or a .toml file"
         )
     recipe = convert(with_allowed(values, allow), Recipe, title)
-    if name.endswith(".toml"):  # what it names lies beside it
+    if name.endswith(".toml"):  # its files are relative to it
         folder = Path(name).absolute().parent
         recipe = with_files(recipe, lambda file: str(folder / file))
     if meshes is not None:
@@ -154,7 +154,7 @@ def load_recipe(
 
 
 def with_files(recipe: Recipe, rename: Callable[[str], str]) -> Recipe:
-    """The recipe with the user's own files renamed: sensors and meshes."""
+    """Rename the user's own files in a recipe: sensors and meshes."""
 
     def changed(key: str, value: Any) -> Any:
         if key == "object" and isinstance(value, dict) and value.get("mesh"):
@@ -174,17 +174,17 @@ def with_files(recipe: Recipe, rename: Callable[[str], str]) -> Recipe:
 
 
 def portable(recipe: Recipe, folder: Path) -> Recipe:
-    """The recipe with files named relative to the folder."""
+    """Name the files of a recipe relative to a folder."""
     return with_files(recipe, lambda name: relative(name, folder))
 
 
 def with_meshes(recipe: Recipe, folder: Path) -> Recipe:
-    """The recipe with its objects drawn from a folder of meshes.
+    """Draw the objects of a recipe from a folder of meshes.
 
     Raises
     ------
     UserError
-        For a folder without meshes, and a recipe of another body.
+        For a folder without meshes, and for a recipe with another body.
     """
     if set(bodies_of(recipe)) != {"dome"}:
         raise UserError('meshes are for a recipe with scene.body = "dome"')
@@ -195,7 +195,7 @@ def with_meshes(recipe: Recipe, folder: Path) -> Recipe:
 
 
 def dump_recipe(recipe: Recipe) -> str:
-    """TOML text of a recipe, every default written out."""
+    """Write a recipe as TOML with all defaults."""
     values = msgspec.to_builtins(recipe)
     if not recipe.cases:
         del values["cases"]
@@ -203,7 +203,7 @@ def dump_recipe(recipe: Recipe) -> str:
 
 
 def cases_of(recipe: Recipe) -> list[Recipe]:
-    """A recipe without cases for each case, whose name it draws; one without cases is its own."""
+    """Split a recipe into one for each case, which draws the case's name."""
     return [
         replace(
             recipe,
@@ -216,7 +216,7 @@ def cases_of(recipe: Recipe) -> list[Recipe]:
 
 
 def _case_of(recipe: Recipe, number: int) -> Recipe:
-    """The recipe of a sequence's case."""
+    """Recipe of a sequence's case."""
     cases = cases_of(recipe)
     return cases[number % len(cases)]
 
@@ -227,7 +227,7 @@ def bodies_of(recipe: Recipe) -> list[Body]:
 
 
 def drawn(recipe: Recipe, number: int, attempt: int = 0) -> Values:
-    """Values of a sequence, by key; each key has its own random stream."""
+    """Draw the values of a sequence, by key; each key has its own random stream."""
     turn = number // max(len(recipe.cases), 1)
     return {
         key: draw(
@@ -238,10 +238,10 @@ def drawn(recipe: Recipe, number: int, attempt: int = 0) -> Values:
 
 
 def scene_of(recipe: Recipe, number: int, values: Values) -> Scene:
-    """Scene of a sequence with drawn values.
+    """Make the scene of a sequence from its drawn values.
 
-    A press has a constant grip and no load. In a grasp the load grows to a share of µ·grip, less
-    than 1, and stays. In a slip it grows to a share above 1. A move has neither, see `pose_of`.
+    A press has a constant grip and no load. In a grasp the load grows to a share of µ·grip below 1,
+    and stays. In a slip it grows to a share above 1. A move has neither, see `pose_of`.
     """
     tables = copy.deepcopy(_case_of(recipe, number).scene)
     for key, value in values.items():
@@ -253,19 +253,19 @@ def scene_of(recipe: Recipe, number: int, values: Values) -> Scene:
     plain = parse_scene(tables, name)
     motion, grip = str(values.get("motion", "press")), float(values.get("grip_n", 2.0))
     tables["conservative"] = {"force_n": grip}
-    held = plain.object.friction * grip
+    largest = plain.object.friction * grip
     times: list[float] = []
     forces: list[float] = []
     if motion in _GROWS:
         share = float(values.get("slip_share", 1.2) if motion == "slip" else values["share"])
         times = [plain.duration_s * part for part in _GROWS[motion]]
-        forces = [0.0, share * held]
+        forces = [0.0, share * largest]
     tables["load"] = {"times_s": times, "forces_n": forces, "interpolation": "linear"}
     return parse_scene(tables, name)
 
 
 def pose_of(values: Values, scene: Scene) -> DomePose:
-    """Pose that a move goes to, for drawn values."""
+    """Pose at the end of a move, from its drawn values."""
     number = {key: float(values.get(key, 0.0)) for key in POSE}
     turn = {key: math.radians(value) for key, value in number.items() if key.endswith("_deg")}
     towards, leans = turn["pose.shear_towards_deg"], turn["pose.tilt_towards_deg"]
@@ -281,7 +281,7 @@ def pose_of(values: Values, scene: Scene) -> DomePose:
 
 
 def _check(recipe: Recipe, name: str) -> None:
-    """Refuse cases that cannot be told apart, and values that no scene can have."""
+    """Refuse cases with the same name, and values that no scene can have."""
     names = [case.name for case in recipe.cases]
     if twice := [one for one in names if names.count(one) > 1]:
         raise UserError(f"recipe {name}: two cases have the name {twice[0]!r}")
@@ -325,12 +325,12 @@ def _check_case(recipe: Recipe, name: str) -> None:
 
 
 def check_asked(recipe: Recipe) -> None:
-    """Refuse labels of pixels and readings that the bodies do not have, and a store in vain.
+    """Refuse labels of pixels and readings that the bodies do not have, and an unsuitable store.
 
     Raises
     ------
     UserError
-        With the label, the reconstructor or the store.
+        For such a label, reconstructor or store, with its name.
     """
     if recipe.reading:
         if recipe.reading not in (DEFAULT_RECONSTRUCTOR, *METHODS):
@@ -347,13 +347,13 @@ def check_asked(recipe: Recipe) -> None:
 
 
 def _check_clean(case: Recipe) -> None:
-    """Refuse pictures without noise where something changes them after it."""
+    """Refuse the store `clean` if a defect changes pictures after their noise."""
     tables = {key: [value] for key, value in dotted(case.scene).items()}
     for key in AFTER_NOISE:
         if any([*tables.get(key, []), *ends(case.draw.get(key, {"choice": []}))]):
             raise UserError(
                 f'store = "clean" keeps pictures without noise, but {key} compresses them with it: '
-                'take store = "noisy"'
+                'use store = "noisy"'
             )
 
 
@@ -372,7 +372,7 @@ def _check_body(recipe: Recipe, name: str, motions: list[Any]) -> None:
 
 
 def _merged(shared: Values, own: Values) -> Values:
-    """Tables of a scene with the keys of others in their place."""
+    """Merge tables of a scene; keys of `own` replace the shared ones."""
     merged = dict(shared)
     for key, value in own.items():
         both = isinstance(value, dict) and isinstance(merged.get(key), dict)
@@ -381,7 +381,7 @@ def _merged(shared: Values, own: Values) -> Values:
 
 
 def dotted(tables: Values) -> Values:
-    """Values of tables by their keys with dots."""
+    """Flatten tables: values by their keys with dots."""
     flat: Values = {}
     for key, value in tables.items():
         inner = dotted(value) if isinstance(value, dict) else {"": value}

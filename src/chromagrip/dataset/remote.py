@@ -39,7 +39,7 @@ _EVERY = 3.0
 
 
 def is_address(place: Place) -> bool:
-    """Whether a place is an address of fsspec, and no folder of this machine."""
+    """Return True for an address of fsspec, False for a folder of this machine."""
     return "://" in os.fspath(place)
 
 
@@ -117,7 +117,7 @@ def fetch_begun(address: str) -> Path:
 
 
 def has_dataset(address: str) -> bool:
-    """Whether there is a dataset at an address, whole or not."""
+    """Return True if there is a dataset at an address, complete or not."""
     with _blaming(address):
         fs, root = _opened(address)
         return bool(fs.exists(f"{root}/{RECIPE}"))

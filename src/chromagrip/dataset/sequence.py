@@ -225,7 +225,7 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
 
 
 def was_drawn(recipe: Recipe, number: int, values: Values, folder: Path) -> bool:
-    """Whether the values in a sequence's `files.json` are those of one of its draws."""
+    """Return True if the values in a sequence's `files.json` are those of one of its draws."""
     draws = (drawn(recipe, number, attempt) for attempt in range(_ATTEMPTS))
     return any(json.loads(json.dumps(_plain(one, folder))) == values for one in draws)
 

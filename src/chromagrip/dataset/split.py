@@ -1,4 +1,4 @@
-"""Split of a dataset by object: no object is in two parts."""
+"""Split a dataset by object: no object is in two parts."""
 
 import json
 import os
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 def split(
     folder: Place, shares: dict[str, float], seed: int = 0, *, follow_links: bool = False
 ) -> dict[str, list[str]]:
-    """Names of the sequences of each part, which are written to split.json too.
+    """Split a dataset into parts, and write split.json; returns the sequences' names by part.
 
     All sequences of one object (equal in every drawn value of `object.…`) are in one part.
 
     Parameters
     ----------
-    folder: of the dataset
-    shares: of each part, adding up to 1
-    seed: of the order of the objects
+    folder: folder of the dataset, or its address
+    shares: share of each part, by name, adding up to 1
+    seed: seed of the order of the objects (default 0)
     follow_links: whether links in the folder may lead out of it, as in caches of hubs
 
     Raises
@@ -68,12 +68,12 @@ def split(
 
 
 def read_split(folder: Path) -> dict[str, list[str]]:
-    """Names of the sequences of each part; of a dataset that is not split there are no parts.
+    """Read the names of the sequences of each part; empty for a dataset that is not split.
 
     Raises
     ------
     UserError
-        When the parts are not those of the dataset as it is now.
+        When the parts do not have each sequence of the dataset once.
     """
     path = folder / SPLIT
     if not path.is_file():
@@ -81,13 +81,13 @@ def read_split(folder: Path) -> dict[str, list[str]]:
     try:
         parts = msgspec.json.decode(read_small(path), type=dict[str, list[str]])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        raise UserError(f"{path} is damaged; make it anew with dataset split") from None
+        raise UserError(f"{path} is damaged; make it again with dataset split") from None
     for name in parts:
         _check_part(name, str(path))
     named = sorted(name for names in parts.values() for name in names)
     if named != sorted(read_manifest(folder)["sequences"]):
         raise UserError(
-            f"{path} does not have each sequence of the dataset once; make it anew with "
+            f"{path} does not have each sequence of the dataset once; make it again with "
             "dataset split"
         )
     return parts
@@ -115,12 +115,12 @@ def _check_part(name: str, where: str) -> None:
 
 
 def drawn_table(folder: Path, names: list[str]) -> "pa.Table":
-    """Table of the values that were drawn for each of these sequences, all there are.
+    """Read the table of the values drawn for each sequence of a dataset.
 
     Raises
     ------
     UserError
-        When it is damaged or of other sequences.
+        When it is damaged or has other sequences.
     """
     table = read_table(
         folder / TABLE, len(names), {"number": need("pyarrow", "data").int64()}, others=True
@@ -132,7 +132,7 @@ def drawn_table(folder: Path, names: list[str]) -> "pa.Table":
 
 
 def _objects(rows: list[Values]) -> dict[str, list[int]]:
-    """Numbers of the sequences of each object, by what was drawn of it."""
+    """Numbers of the sequences of each object, by the values drawn for it."""
     found: dict[str, list[int]] = {}
     for row in rows:
         own = {key: value for key, value in sorted(row.items()) if key.split(".")[0] == "object"}

@@ -1,6 +1,6 @@
-"""Environments of Gymnasium around the grip loop, with one finger and with two.
+"""Gymnasium environments around the grip loop, with one finger and with two.
 
-Importing this room registers its environments with Gymnasium, where that is installed:
+Importing this package registers its environments if Gymnasium is installed:
 
     import chromagrip.gym
     import gymnasium

@@ -2,14 +2,14 @@
 
 Observation: `margin`, `forces`, `markers` or `image`, see `observations`.
 Action: in [−1, 1], shape (1,): the grip force from 0 to `most_n`, or its rate.
-Reward: in each frame 1 − applied force/`most_n` where the object is held, which is touched and
-slides by less than 0.1 mm/s, less 50·(sliding in this frame)/`dropped_mm`.
-Terminated: the object slid by `dropped_mm`, or was let go under its load, or the model gave up;
-either of the last two costs 50.
+Reward: in each frame 1 − applied force/`most_n` if the object is held (touched, and sliding by
+less than 0.1 mm/s), minus 50·(sliding in this frame)/`dropped_mm`.
+Terminated: the object slid by `dropped_mm`, was released under its load, or the model failed;
+in the last two cases the reward of that frame is −50.
 Truncated: the scene is over.
 
 In a scene of two fingers both must touch the object. Terminated: it was dropped, turned or crushed,
-or the model gave up; the reward of that frame is −50.
+or the model failed; the reward of that frame is −50.
 """
 
 import math
@@ -36,7 +36,7 @@ from .observations import Image, ObservationName, observation_of, observed, spac
 from .status import GripStatus, limit_of, status_of
 from .window import Window
 
-#: Reward that is lost on the way to a drop.
+#: Reward lost by sliding until a drop.
 DROP_COST = 50.0
 #: Slowest motion of the whole contact that counts as sliding [m/s].
 SLIDING = 0.1e-3
@@ -50,16 +50,16 @@ Info = dict[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class EnvState:
-    """Everything that the next step of an environment starts from.
+    """State from which the next step of an environment starts.
 
     Attributes
     ----------
     rig: state of the grasp
-    grip: force that is commanded [N]
-    seen: what arrived last, of each finger
-    waiting: what is on its way, by the frame's number
-    touched: whether there was a contact
-    random: state of the generator that seeds are drawn from
+    grip: commanded force [N]
+    seen: last reading of each finger that arrived
+    waiting: readings on their way, by the number of their frame
+    touched: whether there was a contact so far
+    random: state of the generator from which seeds are drawn
     """
 
     rig: RigState
@@ -76,16 +76,16 @@ class GripEnv(gymnasium.Env[Observation, Action]):
     Parameters
     ----------
     scene: name of a shipped scene, or a `.toml` file
-    observation: what is observed; `image` and `markers` come from the camera
-    action: whether an action is a `force` or the `rate` of the force
-    path: where `margin` and `forces` come from; None is the true forces, which are fast
-    changes: of the scene, by dotted key, as `{"object.friction": 0.3}`
-    most_n: largest grip force [N]
-    rate_n_per_s: largest rate of the grip force [N/s]
-    dropped_mm: sliding of the whole contact that counts as a drop with one finger [mm]; None is
-        1 mm, and with two fingers `pinch.dropped_mm` of the scene
-    render_mode: `rgb_array` gives the camera's picture, or one of two fingers from the side;
-        `human` shows it in a window
+    observation: `margin`, `forces`, `markers` or `image`; the last two come from the camera
+    action: `force` or `rate` of the force
+    path: path from which `margin` and `forces` come (default `truth`, which is fast)
+    changes: changes to the scene, by dotted key, such as `{"object.friction": 0.3}`
+    most_n: largest grip force (default 5) [N]
+    rate_n_per_s: largest rate of the grip force (default 20) [N/s]
+    dropped_mm: sliding of the whole contact that counts as a drop with one finger [mm] (default
+        1; with two fingers `pinch.dropped_mm` of the scene)
+    render_mode: `rgb_array` returns the camera's picture, or one of two fingers from the side;
+        `human` shows it in a window (default: no picture)
     allow: modules that the scene's file may name, see `load_scene`
 
     Raises
@@ -147,12 +147,12 @@ class GripEnv(gymnasium.Env[Observation, Action]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Begin a grasp, with a seed of the scene that is drawn from the environment's.
+        """Begin a grasp; the scene's seed is drawn from the environment's generator.
 
         Parameters
         ----------
-        seed: of the environment
-        options: `changes` of the scene for this grasp, on top of the environment's own
+        seed: seed of the environment's generator (default: go on with it)
+        options: `changes` to the scene for this grasp, in addition to the environment's own
         """
         super().reset(seed=seed)
         changes = dict((options or {}).get("changes", {}))
@@ -169,7 +169,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         return observed(self._kinds, self._seen, self._grip), self._info(self._status())
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, Info]:
-        """Grip until the next frame; what is returned is in the module's table.
+        """Grip until the next frame; the module's docstring describes the result.
 
         Raises
         ------
@@ -184,7 +184,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         with self._threads():
             try:
                 self._rig.step(self._grip)
-            except UserError as error:  # of the model, as the force is checked
+            except UserError as error:  # the model failed: the force is already checked
                 gave_up = str(error)
             else:
                 self._arrive()
@@ -197,7 +197,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         reward -= DROP_COST * slid / self._dropped
         if status.unpaid or gave_up:
             reward = -DROP_COST
-        # On a chain a load on an object that nothing touches has no answer.
+        # On a chain the model fails if a load acts on an object without contact.
         dropped = status.outcome == "dropped" or (bool(gave_up) and not status.touched)
         terminated, truncated = status.outcome != "held" or bool(gave_up), self._rig.done
         self._over = terminated or truncated
@@ -213,7 +213,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         )
 
     def render(self) -> Any:
-        """Picture, uint8, shape (H, W, 3), of the mode `rgb_array`; else None."""
+        """Picture, uint8, shape (H, W, 3), in the mode `rgb_array`; else None."""
         if self.render_mode == "rgb_array" and self._rig.index >= 0:
             with self._threads():
                 return self._picture().copy()
@@ -226,7 +226,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             self._window.close()
 
     def save(self) -> EnvState:
-        """State of the environment, from which it can go on later, as often as is wanted."""
+        """State of the environment, from which it can go on later, any number of times."""
         return EnvState(
             rig=self._rig.save(),
             grip=self._grip,
@@ -251,9 +251,9 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         self._over = self._rig.done or self._status().outcome != "held"
 
     def _open(self, changes: dict[str, Any]) -> Rig:
-        """Rig of the scene with changes."""
-        given = {"path": self._path} | self._changes | changes
-        plain = {key: _plain(value) for key, value in given.items()}
+        """Open a rig of the scene with changes."""
+        merged = {"path": self._path} | self._changes | changes
+        plain = {key: _plain(value) for key, value in merged.items()}
         scene, methods = choose(load_scene(self._name, plain, allow=self._allow))
         self._dropped = limit_of(scene, self._limit)
         rig = Rig(scene, methods)
@@ -272,7 +272,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         return min(max(self._grip + change, 0.0), self._most)
 
     def _arrive(self) -> None:
-        """Send what this frame shows on its way, and take what arrives."""
+        """Send this frame's readings on their way, and take those that arrive."""
         rig = self._rig
         if all(reading.observation is not None for reading in rig.readings):
             self._waiting[rig.index] = self._shown()
@@ -280,7 +280,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             self._seen = self._waiting.pop(one.index)
 
     def _shown(self) -> tuple[Reading, ...]:
-        """What this frame shows of each finger."""
+        """Reading of each finger in this frame, with its picture if `image` is observed."""
         readings = self._rig.readings
         if self._kind != "image":
             return readings
@@ -288,11 +288,11 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         return tuple(replace(reading, frame=frame) for reading, frame in pictures)
 
     def _status(self) -> GripStatus:
-        """What has become of the object so far."""
+        """Status of the object so far."""
         return status_of(self._rig, self._dropped, self._touched)
 
     def _info(self, status: GripStatus, dropped: bool = False) -> Info:
-        """The truth of this frame; not for a policy."""
+        """True values of this frame; not for a policy."""
         return {
             "time_s": self._rig.time,
             "grip_n": self._grip,
@@ -302,7 +302,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         }
 
     def _picture(self) -> Image:
-        """Picture that is shown to people: the camera's, or of two fingers from the side."""
+        """Picture for people: the camera's, or for two fingers one from the side."""
         return {1: self._camera_picture, 2: self._side_picture}[self._rig.scene.fingers]()
 
     def _camera_picture(self) -> Image:
@@ -315,15 +315,15 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         return draw_side(self._stage, rig.truth)
 
     def _show(self) -> None:
-        """Draw the window, in the mode `human`."""
+        """Draw the picture in the window, in the mode `human`."""
         if self.render_mode == "human":
             self._window = self._window or Window(f"chromagrip: {self._name}")
             self._window.draw(self._picture())
 
     def _threads(self) -> Any:
-        """One thread for this process; none is needed for a chain on the truth path."""
+        """Limit this process to one thread, except for a chain without pictures."""
         pictures = self._path == "camera" or self._kind == "image" or self.render_mode is not None
-        two = self._rig.scene.fingers > 1  # whose steps solve with BLAS
+        two = self._rig.scene.fingers > 1  # their steps solve with BLAS
         return one_thread() if pictures or two else nullcontext()
 
 
@@ -333,18 +333,18 @@ def _path_of(observation: ObservationName, path: PathName | None) -> PathName:
         if path == "truth":
             raise UserError('observation = "markers" comes from the camera; path must be "camera"')
         return "camera"
-    if observation == "image":  # which nothing reads
+    if observation == "image":  # no forces are estimated from it
         return "truth"
     return path or "truth"
 
 
 def _plain(value: Any) -> Any:
-    """Value without NumPy's types, which draws have and scenes do not know."""
+    """Convert a value from NumPy's types, which a scene does not accept."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def _check(**options: tuple[object, tuple[object, ...]]) -> None:
-    """Refuse options that are none of those allowed."""
+    """Refuse options that are not among the allowed ones."""
     for name, (value, allowed) in options.items():
         if value not in allowed:
             words = ", ".join(str(one) for one in allowed)

@@ -1,8 +1,8 @@
-"""What an environment shows of a grasp: one array for each choice of observation.
+"""Observations of an environment: one array for each choice of observation.
 
-Those of two fingers are stacked, with the first finger's first.
+Arrays of two fingers are stacked, with the first finger's first.
 
-Values that are not known are 0. Bounds are finite, and values are clipped to them.
+Unknown values are 0. Bounds are finite, and values are clipped to them.
 """
 
 import math
@@ -60,8 +60,8 @@ class ObservationKind:
 
     Attributes
     ----------
-    space: of its arrays
-    observed: makes a new array of a reading and of the grip that is commanded [N]
+    space: space of its arrays
+    observed: function of a reading and the commanded grip [N] that makes a new array
     """
 
     space: Box
@@ -69,13 +69,13 @@ class ObservationKind:
 
 
 def observation_of(name: ObservationName, scene: Scene, rest: Tracks | None) -> ObservationKind:
-    """The observation of that name.
+    """Make the observation of that name.
 
     Parameters
     ----------
-    name: of the observation
-    scene: that is gripped
-    rest: tracks at rest, which `markers` needs
+    name: name of the observation
+    scene: scene that is gripped
+    rest: tracks at rest; needed for `markers`
     """
     if name == "image":
         view = scene.build_sensor().view
@@ -88,10 +88,10 @@ def observation_of(name: ObservationName, scene: Scene, rest: Tracks | None) -> 
     columns, values = (MARGIN, _margin) if name == "margin" else (FORCES, _forces)
     low, high = np.array(list(columns.values()), np.float32).T
 
-    def observed(seen: Reading, grip: float) -> Values:
-        assert seen.held is not None
+    def observed(reading: Reading, grip: float) -> Values:
+        assert reading.held is not None
         known = np.nan_to_num(
-            np.array(values(seen.held, grip)), nan=0.0, posinf=math.inf, neginf=-math.inf
+            np.array(values(reading.held, grip)), nan=0.0, posinf=math.inf, neginf=-math.inf
         )
         clipped: Values = np.clip(known, low, high).astype(np.float32)
         return clipped
@@ -100,14 +100,14 @@ def observation_of(name: ObservationName, scene: Scene, rest: Tracks | None) -> 
 
 
 def space_of(kinds: Sequence[ObservationKind]) -> Box:
-    """Space of what one finger shows, or of what two show, with an axis of two before it.
+    """Space of one finger's observation, or of two, with an axis of length 2 in front.
 
     Raises
     ------
     UserError
         For two fingers whose arrays differ in shape.
     """
-    spaces = [view.space for view in kinds]
+    spaces = [kind.space for kind in kinds]
     if len(spaces) == 1:
         return spaces[0]
     first, second = (space.shape for space in spaces)
@@ -123,22 +123,22 @@ def space_of(kinds: Sequence[ObservationKind]) -> Box:
 def observed(
     kinds: Sequence[ObservationKind], seen: Sequence[Reading], grip: float
 ) -> NDArray[np.generic]:
-    """New array of what one finger shows, or two; see `space_of`."""
-    arrays = [view.observed(each, grip) for view, each in zip(kinds, seen, strict=True)]
+    """Make the observation of one finger or two, as in `space_of`."""
+    arrays = [kind.observed(each, grip) for kind, each in zip(kinds, seen, strict=True)]
     return arrays[0] if len(arrays) == 1 else np.stack(arrays)
 
 
-def _image(seen: Reading, _: float) -> Image:
-    assert seen.frame is not None
-    return seen.frame.image.copy()
+def _image(reading: Reading, _: float) -> Image:
+    assert reading.frame is not None
+    return reading.frame.image.copy()
 
 
-def _markers(seen: Reading, _: float) -> Values:
-    """Shift of each marker from rest along x and y [px], and growth; 0 where it is not seen.
+def _markers(reading: Reading, _: float) -> Values:
+    """Shift of each marker from rest along x and y [px], and growth; 0 if it is not visible.
 
-    First those of the outer layer, three numbers a marker.
+    The outer layer comes first, with three numbers a marker.
     """
-    tracks, rest = seen.tracks, seen.rest
+    tracks, rest = reading.tracks, reading.rest
     assert tracks is not None
     assert rest is not None
     values = np.empty((*tracks.visible.shape, 3))

@@ -1,4 +1,4 @@
-"""What has become of an object that is gripped, with one finger or with two."""
+"""Status of a gripped object, with one finger or with two."""
 
 import math
 from dataclasses import dataclass
@@ -9,21 +9,21 @@ from ..loop.rig import Rig
 from ..model.pinch import Outcome
 from ..scene.scene import Scene
 
-#: Sliding that is a drop with one finger, where nothing else is said [mm].
+#: Default sliding that counts as a drop with one finger [mm].
 DROPPED_MM = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class GripStatus:
-    """What has become of an object so far.
+    """Status of an object so far.
 
     Attributes
     ----------
-    slid: sliding of the whole contact [m]; with two fingers, of the one that it is larger on
+    slid: sliding of the whole contact [m]; with two fingers, the larger one
     touched: whether the finger touches the object; with two fingers, whether both do
-    outcome: held, dropped, turned or crushed
-    unpaid: whether that was not paid for by sliding
-    truth: of this frame, for `info`
+    outcome: `held`, `dropped`, `turned` or `crushed`
+    unpaid: whether the outcome still has to cost `DROP_COST`, because sliding has not cost it
+    truth: true values of this frame, for `info`
     """
 
     slid: float
@@ -34,12 +34,13 @@ class GripStatus:
 
 
 def status_of(rig: Rig, dropped: float, was_touched: bool) -> GripStatus:
-    """What has become of the object up to a rig's frame.
+    """Status of the object at a rig's frame.
 
     Parameters
     ----------
-    dropped: sliding from which on one finger has dropped it [m]; a pinch has limits of its own
-    was_touched: whether it was touched in a frame before
+    rig: rig of the grasp
+    dropped: sliding that counts as a drop with one finger [m]; a pinch has limits of its own
+    was_touched: whether the object was touched in a frame before
     """
     return {1: _status_of_one, 2: _status_of_two}[rig.scene.fingers](rig, dropped, was_touched)
 
@@ -84,21 +85,22 @@ def _status_of_two(rig: Rig, dropped: float, was_touched: bool) -> GripStatus:
 
 
 def _smaller(margin: float) -> float:
-    """Order of margins, in which that of a finger without contact comes first."""
+    """Key that sorts margins; a finger without contact comes first."""
     return -math.inf if math.isnan(margin) else margin
 
 
 def limit_of(scene: Scene, dropped_mm: float | None) -> float:
-    """Sliding that is a drop [m].
+    """Sliding that counts as a drop [m].
 
     Parameters
     ----------
-    dropped_mm: what was asked for [mm]; None is the scene's, or DROPPED_MM with one finger
+    scene: scene that is gripped
+    dropped_mm: given limit [mm]; None: `DROPPED_MM`, or the scene's with two fingers
 
     Raises
     ------
     UserError
-        For two fingers, whose scene has a limit.
+        For a given limit with two fingers, whose scene has one.
     """
     return 1e-3 * {1: _limit_of_one, 2: _limit_of_two}[scene.fingers](scene, dropped_mm)
 

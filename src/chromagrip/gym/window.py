@@ -1,4 +1,4 @@
-"""A window that shows pictures as they come, where there is a display."""
+"""A window that shows pictures as they come, if there is a display."""
 
 import sys
 from typing import Any
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 
 class Window:
-    """Window of matplotlib; without a display it says so once and shows nothing.
+    """Window of matplotlib; without a display it prints a notice and stays closed.
 
     Parameters
     ----------
-    title: of the window
+    title: title of the window
     """
 
     def __init__(self, title: str) -> None:

@@ -1,4 +1,4 @@
-"""What every page has: the state in words, the camera's picture, a legend, curves."""
+"""Parts of every page: the state in words, the camera's picture, a legend, curves."""
 
 import html
 import time
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 EVERY, CURVES_EVERY = 1.0 / 30.0, 1.0 / 10.0
 #: Speed below which the page says that the machine is too slow.
 _SLOW = 0.98
-#: Colours of the view and of the picture, each with what it stands for.
+#: Colours of the view and of the picture, each with its meaning.
 _LEGEND = (
     ("beige", tuple(SKIN), "skin"),
     ("blue", tuple(PRESSED), "pressed, the bluer the more"),
@@ -36,9 +36,9 @@ class Board:
 
     Parameters
     ----------
-    server: of the page
-    label: of the picture
-    truth: whether the page knows an object and its true forces
+    server: server of the page
+    label: label of the picture
+    truth: whether the page shows an object and its true forces
     """
 
     def __init__(self, server: "viser.ViserServer", label: str, truth: bool = True) -> None:
@@ -51,13 +51,13 @@ class Board:
         self.strips: Strips | None = None
 
     def finish(self) -> None:
-        """Put legend and curves below all controls that were added until now."""
+        """Put legend and curves below the controls added so far."""
         with self._server.gui.add_folder("colours", expand_by_default=False):
             self._server.gui.add_html(legend_text(self._truth))
         self.strips = Strips(self._server, self._truth)
 
     def is_due(self, at_once: bool = False) -> bool:
-        """Whether it is time for another picture; if so, the next one is due later."""
+        """Return True if another picture is due, and set the time of the next one."""
         now = time.perf_counter()
         if now < self._due and not at_once:
             return False
@@ -79,12 +79,12 @@ class Board:
             self.strips.add(row)
 
     def say(self, lines: Sequence[str]) -> None:
-        """Say the state, in lines of Markdown; of names of files in them only ** is markup."""
+        """Show the state in lines of Markdown, in which only ** is markup."""
         self._status.content = "<br/>".join(line.translate(_PLAIN) for line in lines)
 
 
 def legend_text(truth: bool) -> str:
-    """HTML of the legend: a patch of each colour with what it stands for."""
+    """HTML of the legend: a patch of each colour with its meaning."""
     rows = (*_LEGEND, _OBJECT) if truth else _LEGEND
     parts = []
     for name, (red, green, blue), words in rows:
@@ -99,7 +99,7 @@ def legend_text(truth: bool) -> str:
 
 
 def line_of_speed(seconds: float, updates: float, speed: float) -> str:
-    """Time and updates per second, and that the machine is behind where it is."""
+    """Time and updates per second, with a notice if the machine is behind."""
     line = f"**t = {seconds:.2f} s**, {updates:.0f} updates/s"
     behind = f": this machine is behind, at {speed:.2f} × real time"
     return line + (behind if speed < _SLOW else "")
@@ -113,14 +113,18 @@ def line_of_truth(sample: Sample) -> str:
     )
 
 
-def line_of_estimate(seen: GripObservation | None) -> str:
-    """Estimated Γ with its interval, and forces; why there is none; "" of a dropped frame."""
-    if seen is None:
+def line_of_estimate(observation: GripObservation | None) -> str:
+    """Estimated Γ with its interval, and forces, or the reason for no estimate.
+
+    It is empty for a dropped frame.
+    """
+    if observation is None:
         return ""
-    if seen.no_estimate:
-        return f"**no estimate:** {seen.no_estimate}"
-    low, high = seen.margin_interval
+    if observation.no_estimate:
+        return f"**no estimate:** {observation.no_estimate}"
+    low, high = observation.margin_interval
+    field = observation.field
     return (
-        f"estimated: Γ {seen.margin:.2f} ({low:.2f} to {high:.2f}), "
-        f"ΣFn {seen.field.total_normal:.2f} N, ΣFf {seen.field.total_friction:.2f} N"
+        f"estimated: Γ {observation.margin:.2f} ({low:.2f} to {high:.2f}), "
+        f"ΣFn {field.total_normal:.2f} N, ΣFf {field.total_friction:.2f} N"
     )

@@ -1,7 +1,7 @@
-"""Who may reach the page, and what it takes from them.
+"""Checks of the requests and messages that reach the page.
 
-Requests need the token. Messages are input: each is read strictly before viser, which checks no
-value, sees it.
+Requests need the token. Messages are parsed strictly before they reach viser, which does not check
+values.
 """
 
 import asyncio
@@ -25,7 +25,7 @@ from ..errors import UserError
 if TYPE_CHECKING:
     import viser
 
-#: Largest file that is taken [bytes]; files that arrive at the same time share it.
+#: Largest accepted file [bytes]; files that arrive at the same time share it.
 LARGEST_FILE = 20_000_000
 #: Largest message [bytes]; the browser cuts files into parts of half of that.
 _LARGEST_MESSAGE = 2**20
@@ -61,7 +61,7 @@ class _Update(_Message, tag="GuiUpdateMessage"):
 
 
 class _Camera(_Message, tag="ViewerCameraMessage"):
-    """The view was turned; the first one says that the browser is there."""
+    """The view was turned; the first such message announces the browser."""
 
     wxyz: tuple[_Number, _Number, _Number, _Number]
     position: _Vector
@@ -101,24 +101,24 @@ _DECODER: msgspec.msgpack.Decoder[_Update | _Camera | _FileStart | _FilePart] = 
 
 @dataclass
 class Inbox:
-    """Messages of all browsers, of which viser gets those that a page of ours sends.
+    """Messages of all browsers; viser gets those that a page of ours can send.
 
     Attributes
     ----------
-    server: whose controls are asked what they allow; None takes no message
+    server: server whose controls determine the allowed values; None refuses all messages
     """
 
     server: "viser.ViserServer | None" = None
     _files: dict[str, tuple[_FileStart, dict[int, bytes]]] = field(default_factory=dict)
 
     def taken(self, raw: str | bytes, before: str) -> list[bytes]:
-        """Messages for viser that follow from one of a browser; none where it is refused.
+        """Messages for viser from a browser's message; empty if it is refused.
 
-        They are encoded again: viser reads no byte of a browser.
+        They are encoded again, so that viser never gets a browser's own bytes.
 
         Parameters
         ----------
-        raw: message
+        raw: message of the browser
         before: beginning of the names of that browser's files
         """
         try:
@@ -139,7 +139,7 @@ class Inbox:
         return [msgspec.msgpack.encode(one) for one in found]
 
     def leave(self, before: str) -> None:
-        """Forget the unfinished files of a browser that is gone."""
+        """Forget the unfinished files of a browser that has disconnected."""
         self._files = {name: of for name, of in self._files.items() if not name.startswith(before)}
 
     def _control(self, uuid: str) -> Any:
@@ -147,7 +147,7 @@ class Inbox:
         return None if gui is None else gui._gui_input_handle_from_uuid.get(uuid)
 
     def _begin(self, start: _FileStart, name: str) -> list[_Message]:
-        """Note a file; one that is too large ends here, as an empty one, which a page refuses."""
+        """Note a file; one that is too large is replaced by an empty one, which a page refuses."""
         import viser
 
         control = self._control(start.source_component_uuid)
@@ -180,19 +180,19 @@ class Inbox:
 
 
 def _renamed(start: _FileStart, size: int) -> _FileStart:
-    """A file of one part. viser keeps an answer for each name of a file; all have one name."""
+    """File of one part; all have one name, because viser keeps an answer for each name."""
     return msgspec.structs.replace(
         start, transfer_uuid="file", part_count=min(size, 1), size_bytes=size
     )
 
 
 def allowed(control: Any, value: Any) -> Any:
-    """Value of a control as it may be, or None where it may not be.
+    """Value that a control allows; None if it is refused.
 
     Parameters
     ----------
     control: handle of viser
-    value: that a browser asks for
+    value: value that a browser sends
     """
     import viser
 
@@ -211,7 +211,7 @@ def allowed(control: Any, value: Any) -> Any:
         if whole and value != round(value):
             return None
         return (int if whole else float)(min(max(value, low), high))
-    return None  # a file, which has messages of its own, and kinds that no page has
+    return None  # a file, which has its own messages, or a kind that no page has
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,8 +220,8 @@ class Gate:
 
     Attributes
     ----------
-    token: that a request must bring, in its address or as a cookie
-    port: of the page; a browser sends a cookie to every port of a host
+    token: token that a request must have in its address or as a cookie
+    port: port of the page; a browser sends a cookie to every port of a host
     """
 
     token: str
@@ -233,12 +233,12 @@ class Gate:
         return f"chromagrip-{self.port}"
 
     def refusal(self, path: str, headers: Any) -> str:
-        """Why a request is refused; "" where it may pass.
+        """Reason for which a request is refused; "" if it may pass.
 
         Parameters
         ----------
-        path: that is asked for
-        headers: of the request
+        path: requested path
+        headers: headers of the request
         """
         try:
             host, origin = headers.get("Host", ""), headers.get("Origin")
@@ -246,19 +246,19 @@ class Gate:
                 return "a page of another site may not use this server"
             if not any(map(self._right, self._given(path, headers))):
                 return "the address needs the token that `chromagrip live` printed"
-        except (ValueError, LookupError):  # no address, or a header that is there twice
-            return "this is no request of a browser"
+        except (ValueError, LookupError):  # an invalid address, or a repeated header
+            return "this is not a request of a browser"
         return ""
 
     def keeps(self, path: str) -> bool:
-        """Whether a request's address brings the token, so that it becomes a cookie."""
+        """Return True if a request's address has the token, which then becomes a cookie."""
         return any(map(self._right, _in_address(path)))
 
     def _right(self, given: str) -> bool:
         return secrets.compare_digest(given.encode(), self.token.encode())
 
     def _given(self, path: str, headers: Any) -> list[str]:
-        """Tokens that a request brings."""
+        """Tokens in a request's address and cookies."""
         kept = SimpleCookie()
         try:
             kept.load(headers.get("Cookie", ""))
@@ -273,7 +273,7 @@ def _in_address(path: str) -> list[str]:
 
 
 class _Checked:
-    """A browser's connection, of which viser reads the messages that are allowed."""
+    """A browser's connection that passes only allowed messages to viser."""
 
     def __init__(self, connection: Any, inbox: Inbox) -> None:
         self._connection, self._inbox = connection, inbox
@@ -281,11 +281,11 @@ class _Checked:
         self._taken: deque[bytes] = deque()
 
     def __getattr__(self, name: str) -> Any:
-        """Everything else is the connection's."""
+        """Attribute of the connection."""
         return getattr(self._connection, name)
 
     async def recv(self) -> bytes:
-        """Next message; those of one file come without another one's between them."""
+        """Wait for the next message; the messages of one file come together."""
         while not self._taken:
             await asyncio.sleep(_PAUSE)
             self._taken.extend(self._inbox.taken(await self._connection.recv(), self.name))
@@ -294,22 +294,22 @@ class _Checked:
 
 @contextmanager
 def guarded(gate: Gate) -> Iterator[Inbox]:
-    """Let each server that is started meanwhile ask the gate before it answers.
+    """Make each server that is started inside ask the gate before it answers.
 
-    viser has no place for that: what it starts its server with is replaced for this moment. Its
-    messages pass the inbox.
+    viser has no option for that: the function with which it starts its server is replaced inside.
+    Messages pass through the inbox.
 
     Raises
     ------
     UserError
-        At the end, when no server was started in that way; it would be open.
+        At the end, if no server was started with that function: it would be open.
     """
     import viser
     import websockets.asyncio.server as kind
 
     usual: Any = kind.serve
     used, inbox = [], Inbox()
-    silent = logging.getLogger(f"{__name__}.{gate.port}")  # a wrong request is no news
+    silent = logging.getLogger(f"{__name__}.{gate.port}")  # wrong requests are not logged
     silent.propagate = False
     silent.addHandler(logging.NullHandler())
 

@@ -1,4 +1,4 @@
-"""The page of a live grasp: sliders, what they ask for, and what a frame shows."""
+"""The page of a live grasp: sliders, the changes that they make, and the display of a frame."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 MESHES = (".stl", ".obj", ".ply")
 _OF_THE_SCENE = "of the scene"
 Slider = tuple[str, str, float, float, float, str]
-#: Sliders: label, name, lowest and highest value, step, hint; of every body, and of each.
+#: Sliders for every body and for each body: label, name, lowest and highest value, step, hint.
 _ALWAYS: tuple[Slider, ...] = (
     ("load [N]", "load", 0.0, 3.0, 0.01, "lateral force on the object"),
     ("µ of the object", "friction", 0.1, 1.5, 0.01, "friction coefficient"),
@@ -37,20 +37,20 @@ _OF_BODY: dict[Body, tuple[Slider, ...]] = {
         ("twist [N mm]", "twist", -10.0, 10.0, 0.1, "torque on the object about the axis"),
     ),
 }
-_ANEW = (
-    ("noise [levels]", "noise", 0.5, 10.0, 0.5, "of the camera; starts the grasp again"),
+_RESTARTING = (
+    ("noise [levels]", "noise", 0.5, 10.0, 0.5, "noise of the camera; starts the grasp again"),
     ("latency [frames]", "latency", 0, 10, 1, "from image to command; starts the grasp again"),
 )
-#: Designs of the two bodies that pictures of them can be read with.
+#: Designs with which pictures of each body can be read.
 _DESIGNS = {"dome": ("thesis", "dome-2020", "dome-2022"), "chain": ("thesis",)}
 
 
 class Page:
-    """The page of one session; a context that keeps the files which are dropped onto it.
+    """The page of one session; a context that keeps the files dropped onto it.
 
     Parameters
     ----------
-    server: of the page
+    server: server of the page
     base: scene that the sliders change
     """
 
@@ -58,7 +58,7 @@ class Page:
         self._server, self._base = server, base
         self._session: Session | None = None
         self._applied = 0.0
-        self._told = self._kept = ""
+        self._refused = self._kept = ""
         self._state: list[str] = []
         self._folder = TemporaryDirectory(prefix="chromagrip-")
         self._meshes: dict[str, str] = {}
@@ -76,11 +76,11 @@ class Page:
         self._folder.cleanup()
 
     def connect(self, session: Session) -> None:
-        """Let the sliders ask that session."""
+        """Connect the sliders with a session."""
         self._session = session
 
     def show(self, shown: Shown) -> None:
-        """Show a frame, where it is time for a picture; called by the session."""
+        """Show a frame if a picture is due; called by the session."""
         sample = shown.sample
         self.board.add(row_of(sample))
         self._applied = sample.applied
@@ -96,12 +96,12 @@ class Page:
             self._grip.value = round(self._applied, 2)
 
     def tell(self, sentence: str) -> None:
-        """Say why a value is refused; "" where none is."""
-        self._told = f"**Refused:** {sentence}" if sentence else ""
+        """Show the reason for which a value is refused; "" removes it."""
+        self._refused = f"**Refused:** {sentence}" if sentence else ""
         self.board.say(self._said())
 
     def tell_kept(self, sentence: str) -> None:
-        """Say what became of a recording."""
+        """Show the state of a recording."""
         self._kept = sentence
         if self._session is not None:
             wanted = self._session.recorder.wanted
@@ -109,8 +109,8 @@ class Page:
         self.board.say(self._said())
 
     def _said(self) -> list[str]:
-        """State of the grasp, and what was told last."""
-        return [line for line in (*self._state, self._told, self._kept) if line]
+        """State of the grasp, last refusal, and state of the recording."""
+        return [line for line in (*self._state, self._refused, self._kept) if line]
 
     def _lines(self, shown: Shown) -> list[str]:
         """State of the grasp in Markdown."""
@@ -121,11 +121,11 @@ class Page:
             line_of_estimate(sample.observation),
         ]
         if sample.time > 0.0 and not sample.field.contact.any():
-            lines.append("**nothing touches the object:** press restart")
+            lines.append("**the object has no contact:** press restart")
         return lines
 
     def _add_controls(self, first: SliderValues) -> None:
-        """Sliders and buttons."""
+        """Add sliders and buttons."""
         gui = self._server.gui
         self._forces = gui.add_dropdown("forces shown", ("estimated", "true"))
         self._automatic = gui.add_checkbox("controller grips", first.automatic)
@@ -143,11 +143,11 @@ class Page:
             self._add_choice("controller", "controller", tuple(CONTROLLERS.entries), first)
             self._add_choice("design", "sensor", _DESIGNS[self._base.body], first)
             {"chain": lambda first: None, "dome": self._add_object}[self._base.body](first)
-            for label, name, low, high, step, hint in _ANEW:
+            for label, name, low, high, step, hint in _RESTARTING:
                 self._add_slider(label, name, low, high, step, hint, first)
 
     def _add_object(self, first: SliderValues) -> None:
-        """Choice of the object, and its tilt."""
+        """Add the choice of the object, and its tilt."""
         self._objects = self._add_choice("object", "object", (_OF_THE_SCENE, *OBJECTS), first)
         self._add_upload()
         self._add_slider("tilt [°]", "tilt", -20.0, 20.0, 1.0, "turn about y", first)
@@ -162,7 +162,7 @@ class Page:
         hint: str,
         first: SliderValues,
     ) -> None:
-        """Slider of a slider value, from a value within its ends."""
+        """Add a slider; its first value is clipped to its ends."""
         value = min(max(getattr(first, name), low), high)
         slider = self._server.gui.add_slider(label, low, high, step, value, hint=hint)
         slider.on_update(lambda _: self._ask(**{name: slider.value}))
@@ -170,7 +170,7 @@ class Page:
     def _add_choice(
         self, label: str, name: str, options: tuple[str, ...], first: SliderValues
     ) -> Any:
-        """Choice of a slider value."""
+        """Add a choice of a slider value."""
         value = getattr(first, name) or options[0]
         if value not in options:
             options = (value, *options)
@@ -184,7 +184,7 @@ class Page:
         return choice
 
     def _add_upload(self) -> None:
-        """Button that takes an object from a file."""
+        """Add a button that loads an object from a file."""
         kinds = ", ".join(MESHES)
         button = self._server.gui.add_upload_button(
             f"object from a file ({kinds})", mime_type=",".join(MESHES), hint="closed, in mm"
@@ -194,12 +194,12 @@ class Page:
         )
 
     def drop(self, name: str, content: bytes) -> None:
-        """Take the object of a file, or say why it cannot be one; the grasp goes on.
+        """Use the object of a file, or show the reason for refusing it; the grasp goes on.
 
         Parameters
         ----------
-        name: of the file
-        content: of it; empty of a file that was too large to be taken
+        name: name of the file
+        content: content of the file; empty for a file that is too large
         """
         name = Path(name).name
         suffix = Path(name).suffix.lower()
@@ -209,7 +209,7 @@ class Page:
                 raise UserError(f"{name}: an object is a file {', '.join(MESHES)}")
             if not 0 < len(content) <= LARGEST_FILE:
                 most = LARGEST_FILE // 10**6
-                raise UserError(f"{name} is empty or too large; at most {most} MB are taken")
+                raise UserError(f"{name} is empty or too large; at most {most} MB are allowed")
             path.write_bytes(content)
             session = self._session
             sliders = slider_values(self._base) if session is None else session.sliders
@@ -218,7 +218,7 @@ class Page:
             path.unlink(missing_ok=True)
             self.tell(str(error).replace(str(path), name))
             return
-        self._told = ""
+        self._refused = ""
         self._meshes[name] = str(path)
         self._objects.options = tuple(dict.fromkeys((*self._objects.options, name)))
         if self._objects.value == name:  # the same file again, which may be another one now
@@ -226,7 +226,7 @@ class Page:
         self._objects.value = name
 
     def _take_over(self) -> None:
-        """Let the controller grip, or the slider, which begins at the grip of now."""
+        """Let the controller grip, or the slider, which begins at the present grip."""
         automatic = bool(self._automatic.value)
         self._grip.disabled = automatic
         if not automatic:

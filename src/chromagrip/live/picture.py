@@ -20,18 +20,18 @@ _QUALITY = 85
 
 
 def blank_picture() -> Image:
-    """Picture where the camera has taken none, RGB."""
+    """Grey picture in place of a missing one, RGB."""
     return np.full((WIDTH, WIDTH, 3), _GREY, np.uint8)
 
 
 def picture_of(image: Image | None, tracks: Tracks | None, rest: Tracks | None) -> Image:
-    """The camera's picture with the motion of the markers, magnified, RGB."""
+    """Draw the magnified motion of the markers on the camera's picture, RGB."""
     if image is None:
         return blank_picture()
     canvas = image.copy()
     if tracks is not None and rest is not None:
-        seen = tracks.visible[0] & rest.visible[0]
-        start, now = rest.position[0, seen], tracks.position[0, seen]
+        visible = tracks.visible[0] & rest.visible[0]
+        start, now = rest.position[0, visible], tracks.position[0, visible]
         tips = now + (MAGNIFY - 1.0) * (now - start)
         lines = np.rint(16.0 * np.stack([start, tips], axis=1)).astype(np.int32)
         moved = abs(tips - start).max(axis=1) > 1.0
@@ -40,18 +40,18 @@ def picture_of(image: Image | None, tracks: Tracks | None, rest: Tracks | None) 
 
 
 def resized(image: Image, width: int) -> Image:
-    """Picture of that width [px]."""
+    """Resize a picture to a width [px]."""
     height = max(1, round(width / image.shape[1] * image.shape[0]))
     return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def packed(image: Image) -> bytes:
-    """Picture as JPEG, for keeping many."""
+    """Compress a picture as JPEG."""
     return cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
 
 
 def unpacked(data: bytes | Sequence[int]) -> Image:
-    """Picture that was packed."""
+    """Decompress a packed picture."""
     found = cv2.imdecode(np.frombuffer(bytes(data), np.uint8), cv2.IMREAD_COLOR)
     assert found is not None
     return np.ascontiguousarray(found[..., ::-1], np.uint8)

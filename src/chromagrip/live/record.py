@@ -23,7 +23,7 @@ from .sliders import SliderValues
 
 #: Table of the sliders' values in the folder of a recording.
 SLIDERS = "sliders.csv"
-#: Key of its summary: the time of the grasp at which it began [s].
+#: Key of the summary for the time of the grasp at which the recording began [s].
 FROM = "recorded_live_from_s"
 #: Shortest recording that is kept [s].
 SHORTEST = 0.2
@@ -35,13 +35,13 @@ _SAID = (
 
 @dataclass
 class Recorder:
-    """Records a live grasp where that is wanted, each time into a folder of its own.
+    """Records a live grasp on demand, each time into a folder of its own.
 
     Attributes
     ----------
     parent: folder of the recordings
-    tell: called with a sentence about each recording, from the thread of the grasp
-    wanted: whether the grasp is recorded; anyone may set it
+    tell: function called with a sentence about each recording, in the thread of the grasp
+    wanted: whether the grasp is recorded; any thread may set it
     """
 
     parent: Path
@@ -61,7 +61,7 @@ class Recorder:
             self._drop(f"**not recorded:** {error}")
 
     def finish(self) -> None:
-        """Write what was kept, where there is something; the next frame begins another one."""
+        """Write the recording, if there is one; the next frame begins another one."""
         recording, self._now = self._now, None
         if recording is None:
             return
@@ -72,7 +72,7 @@ class Recorder:
 
     @contextmanager
     def ending(self) -> Iterator[None]:
-        """Finish a recording with the grasp, however that ends."""
+        """Finish a recording at the end of the grasp, also after an error."""
         try:
             yield
         finally:
@@ -86,13 +86,13 @@ class Recorder:
 
 
 class _Recording:
-    """A recording that goes on: its files have no names yet.
+    """An unfinished recording: its files do not have their names yet.
 
     Parameters
     ----------
-    folder: that is made for it
-    sample: first one
-    rig: of the grasp
+    folder: folder that is made for it
+    sample: first sample
+    rig: rig of the grasp
     """
 
     def __init__(self, folder: Path, sample: Sample, rig: Rig) -> None:
@@ -105,7 +105,7 @@ class _Recording:
         self._mesh = _kept_mesh(rig.scene.object.mesh, folder)
 
     def add(self, sample: Sample, rig: Rig, sliders: SliderValues) -> None:
-        """Append a frame, with the scene and the sliders that it had."""
+        """Append a frame with its scene and sliders."""
         scene = rig.scene
         now = sample.time - self._begin
         if not self._scenes or self._scenes[-1][1] is not scene:
@@ -115,7 +115,7 @@ class _Recording:
         self._record.add(replace(sample, time=now), rig)
 
     def finish(self) -> str:
-        """Write the files and give them their names; a sentence."""
+        """Write the files and give them their names; returns a sentence about it."""
         times = self._record.trace["time_s"]
         length = float(times[-1])
         if length < SHORTEST or self._scenes[-1][1].camera.latency_frames >= len(times):
@@ -128,22 +128,22 @@ class _Recording:
         return f"recorded {length:.2f} s in {self.folder}"
 
     def discard(self) -> None:
-        """Leave nothing of it."""
+        """Remove its folder."""
         with self._files:
             pass
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def as_run(scenes: list[tuple[float, Scene]], length: float, mesh: str = "") -> Scene:
-    """Scene of a run with the loads and frictions of these, each from its time.
+    """Scene of a run with the loads and frictions of several scenes, each from its time on.
 
-    The other values are those of the last one.
+    The other values are those of the last scene.
 
     Parameters
     ----------
-    scenes: of the run, each with the time from which on it was that [s]
-    length: of the run [s]
-    mesh: file of the object, where it is one
+    scenes: scenes of the run, each with the time from which on it was used [s]
+    length: length of the run [s]
+    mesh: file of the object (default: the object has no mesh)
     """
     last = scenes[-1][1]
     times = tuple(round(at, 9) for at, _ in scenes)
@@ -169,7 +169,7 @@ def as_run(scenes: list[tuple[float, Scene]], length: float, mesh: str = "") -> 
 
 
 def _kept_mesh(mesh: str, folder: Path) -> str:
-    """Copy of a mesh's file in a folder, for a file dropped onto a page goes with its server."""
+    """Copy a mesh's file into a folder: a file dropped onto a page is removed with its server."""
     if not mesh:
         return ""
     kept = folder / f"object{Path(mesh).suffix}"
@@ -179,7 +179,7 @@ def _kept_mesh(mesh: str, folder: Path) -> str:
 
 
 def _write_sliders(path: Path, sliders: list[tuple[float, SliderValues]]) -> None:
-    """Table of the sliders' values, a line where one of them changed."""
+    """Write the table of the sliders' values, with a line at each change."""
     with path.open("w", encoding="utf-8", newline="") as file:
         names = list(asdict(sliders[0][1]))
         table = csv.writer(file)
@@ -189,7 +189,7 @@ def _write_sliders(path: Path, sliders: list[tuple[float, SliderValues]]) -> Non
 
 
 def _unused(parent: Path) -> Path:
-    """First unused folder of a number."""
+    """First unused folder with a number as its name."""
     for number in range(1, 10_000):
         folder = parent / f"{number:03d}"
         if not folder.exists():

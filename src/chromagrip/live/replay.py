@@ -1,7 +1,7 @@
-"""A finished run, for the page: what its folder keeps, and what a repetition of it adds.
+"""A finished run for the page: its folder's curves and video, and forces from a repetition.
 
-A folder keeps the curves and a video, and not the forces of each place. They are had again by
-running its scene with its seed, and each frame is compared with the record.
+A folder does not have the force at each place. Its scene is run again with its seed, and each frame
+is compared with the record.
 """
 
 import bisect
@@ -27,12 +27,12 @@ from .record import FROM
 from .view import Drawn, GraspView
 from .worker import Background
 
-#: Largest number of frames that are kept of a run; of a longer one every second, third …
+#: Largest number of frames kept of a run; of a longer run every second, third … frame is kept.
 MOST = 1500
 #: Width of the pictures of a video, which have two halves [px].
 _WIDE = 840
-#: Columns that a repetition is compared by, with their names in words and the largest differences
-#: that are none: another processor rounds otherwise.
+#: Columns by which a repetition is compared, with their names in words and the largest differences
+#: that count as equal: another processor rounds differently.
 _COMPARED = {
     "margin_true": ("the true Γ", 1e-6),
     "margin_estimated": ("the estimated Γ", 1e-6),
@@ -46,9 +46,9 @@ class Kept:
 
     Attributes
     ----------
-    time: in the run [s]
-    picture: as JPEG
-    estimated, true: what is drawn of either forces; None where only a video is there
+    time: time in the run [s]
+    picture: picture as JPEG
+    estimated, true: drawing of the estimated and of the true forces; None if only a video exists
     """
 
     time: float
@@ -59,15 +59,16 @@ class Kept:
 
 @dataclass
 class Replay(Background):
-    """Frames of a finished run, which are got in a thread of their own; a context.
+    """Frames of a finished run, made in a thread of their own; a context.
 
     Attributes
     ----------
-    run: that was read
-    frames: those that are there by now, in order
-    ended: whether there will be no more
-    failed: why not, where something failed
-    differences: largest ones between record and repetition, by column
+    run: run that was read
+    view: view for which the forces are drawn
+    frames: frames so far, in order
+    ended: whether no more frames will come
+    failed: reason of a failure; empty if there was no failure
+    differences: largest differences between record and repetition, by column
     """
 
     run: RunRead
@@ -79,17 +80,17 @@ class Replay(Background):
 
     @property
     def every(self) -> int:
-        """Frames of the run for one that is kept."""
+        """Number of frames of the run for each kept one."""
         return max(1, math.ceil(len(self.run.columns["time_s"]) / MOST))
 
     def at(self, time: float) -> Kept | None:
-        """The last frame up to a time [s] that is there; None where none is."""
-        frames = self.frames[:]  # which grows meanwhile
+        """Last frame up to a time [s], or the first one; None before there are frames."""
+        frames = self.frames[:]  # a copy: the thread appends to it
         index = bisect.bisect_right(frames, time + 1e-9, key=lambda kept: kept.time)
         return frames[max(index - 1, 0)] if frames else None
 
     def words(self) -> str:
-        """What the repetition has shown until now, in a sentence of Markdown."""
+        """Result of the repetition so far, in a sentence of Markdown."""
         if self.failed:
             return f"**the run cannot be shown in full:** {self.failed}"
         if because := not_repeated(self.run):
@@ -120,7 +121,7 @@ class Replay(Background):
         self.ended = True
 
     def _repeated(self) -> Iterator[Kept]:
-        """Frames of the same run again."""
+        """Run the scene again, and yield its frames."""
         with closing(Rig(self.run.scene)) as rig:
             for index, sample in enumerate(gripped(rig, math.inf)):
                 if index >= len(self.run.columns["time_s"]) or self._stop.is_set():
@@ -147,7 +148,7 @@ class Replay(Background):
 
 
 def not_repeated(run: RunRead) -> str:
-    """Why a run cannot be repeated, in a sentence; "" where it can."""
+    """Reason for which a run cannot be repeated, in a sentence; "" if it can."""
     if FROM in run.summary:
         why = "its sliders were moved by hand"
     elif "source" in run.summary:
@@ -156,7 +157,7 @@ def not_repeated(run: RunRead) -> str:
         why = f"{code} is code of the folder, which runs only where --allow names its module"
     else:
         return ""
-    shown = "curves and video are shown" if run.video else "only its curves are there"
+    shown = "curves and video are shown" if run.video else "only its curves are shown"
     return f"**no forces in three dimensions:** this run cannot be repeated, {why}; {shown}"
 
 

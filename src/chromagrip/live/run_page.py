@@ -24,8 +24,8 @@ def serve_run(run: RunRead, address: Address) -> None:
 
     Parameters
     ----------
-    run: that was read
-    address: of the page
+    run: run that was read
+    address: address of the page
 
     Raises
     ------
@@ -50,7 +50,7 @@ class RunPage:
 
     Parameters
     ----------
-    server: of the page
+    server: server of the page
     replay: frames of the run
     """
 
@@ -60,8 +60,8 @@ class RunPage:
         self._end = self._rows[-1]["time_s"]
         self._now, self._then = 0.0, time.monotonic()
         self._playing, self._changed = True, threading.Event()
-        gui, seen = server.gui, self._run.scene.path == "camera"
-        # Of frames from outside there is no truth.
+        gui, camera = server.gui, self._run.scene.path == "camera"
+        # Frames from outside have no truth.
         truth = any(not math.isnan(row["normal_true_n"]) for row in self._rows)
         self.board = Board(server, "camera", truth)
         period = max(self._run.scene.period, 1e-3)
@@ -69,7 +69,7 @@ class RunPage:
         self._slider.on_update(self._moved)
         self._speed = gui.add_dropdown("speed", ("1", "1/4", "1/20"))
         self._forces = gui.add_dropdown(
-            "forces shown", ("estimated", "true") if seen else ("true",)
+            "forces shown", ("estimated", "true") if camera else ("true",)
         )
         self._forces.on_update(lambda _: self._changed.set())
         buttons = gui.add_button_group("run", ("play", "pause", "step", "restart"))
@@ -79,11 +79,11 @@ class RunPage:
 
     @property
     def now(self) -> float:
-        """Time that is shown [s]."""
+        """Shown time [s]."""
         return self._now
 
     def press(self, button: str) -> None:
-        """Do what a button says."""
+        """Do the action of a button."""
         if button == "restart":
             self._now = 0.0
         if button == "step":
@@ -100,7 +100,7 @@ class RunPage:
             self._changed.set()
 
     def tick(self) -> None:
-        """Go on in time where it plays, and show what changed."""
+        """Advance the time while it plays, and show changes."""
         now = time.monotonic()
         passed, self._then = now - self._then, now
         if self._playing:
@@ -113,7 +113,7 @@ class RunPage:
             self._show()
 
     def _reached(self) -> float:
-        """Time up to which the run is there [s]."""
+        """Time up to which frames of the run exist [s]."""
         return self._replay.frames[-1].time if self._replay.frames else 0.0
 
     def _show(self) -> None:
@@ -130,7 +130,7 @@ class RunPage:
         self.board.show(picture, self._lines(rows[-1] if rows else None), not self._playing)
 
     def _count(self, time: float) -> int:
-        """Frames of the run up to a time [s]."""
+        """Number of frames of the run up to a time [s]."""
         return bisect.bisect_right(self._rows, time + 1e-9, key=lambda row: row["time_s"])
 
     def _lines(self, row: Row | None) -> list[str]:

@@ -1,4 +1,4 @@
-"""Serving the live page: of a grasp, of a finished run, or of a camera."""
+"""Serve the live page: of a grasp, of a finished run, or of a camera."""
 
 import errno
 import io
@@ -24,17 +24,17 @@ from .session import Session
 if TYPE_CHECKING:
     import viser
 
-#: Time that the server's threads have to end [s].
+#: Longest wait for the server's threads to end [s].
 _LAST = 3.0
 
 
 def token_for(given: str | None = None) -> str:
-    """Token of a page: as given, or a new one.
+    """Token of a page: the given one, or a new one.
 
     Raises
     ------
     UserError
-        For one that is easily guessed, or cannot stand in a cookie.
+        For a token that is easily guessed, or that is not possible in a cookie.
     """
     token = secrets.token_urlsafe(24) if given is None else given
     if len(token) < 16 or not all(c.isascii() and (c.isalnum() or c in "-_.") for c in token):
@@ -46,15 +46,15 @@ def token_for(given: str | None = None) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Address:
-    """Where a page is, and for how long.
+    """Address of a page, and how long it is served.
 
     Attributes
     ----------
-    host: by default only programs on this machine reach the page
-    port: of the page
-    token: that every request must bring, also one of another user of this machine
-    seconds: end after this time [s]; None goes on
-    ready: called with the page's address, once it is there
+    host: host of the page; by default only programs on this machine reach it
+    port: port of the page (default 8090)
+    token: token that every request needs, also from other users of this machine (default: random)
+    seconds: time after which the page ends (default: no limit) [s]
+    ready: function called with the page's address, once it can be opened (default `print`)
     """
 
     host: str = "127.0.0.1"
@@ -69,9 +69,9 @@ def serve_grasp(scene: Scene, address: Address, recordings: Path) -> None:
 
     Parameters
     ----------
-    scene: that the sliders change
-    address: of the page
-    recordings: folder in which each recording gets one of its own
+    scene: scene that the sliders change
+    address: address of the page
+    recordings: folder in which each recording gets a folder
 
     Raises
     ------
@@ -89,7 +89,7 @@ def serve_grasp(scene: Scene, address: Address, recordings: Path) -> None:
 
 @contextmanager
 def serving(address: Address) -> "Iterator[viser.ViserServer]":
-    """A server at an address, which is stopped at the end.
+    """Start a server at an address; a context, at whose end it stops.
 
     Raises
     ------
@@ -112,19 +112,19 @@ def serving(address: Address) -> "Iterator[viser.ViserServer]":
         with redirect_stdout(io.StringIO()):
             server.stop()
             end = time.monotonic() + _LAST
-            for thread in own:  # which say goodbye
+            for thread in own:  # they close the connections
                 thread.join(max(0.0, end - time.monotonic()))
 
 
 def announce(address: Address, server: "viser.ViserServer") -> None:
-    """Say where the page is, with its token."""
+    """Report the page's address with its token."""
     shown = socket.gethostname() if address.host in ("0.0.0.0", "::") else address.host
     shown = f"[{shown}]" if ":" in shown else shown
     address.ready(f"http://{shown}:{server.get_port()}/?token={quote(address.token)}")
 
 
 def ticks(seconds: float | None, every: float = 0.1) -> Iterator[None]:
-    """Times at which a page may be changed, until the end [s]."""
+    """Yield at intervals `every` [s], until `seconds` have passed."""
     end = None if seconds is None else time.monotonic() + seconds
     while end is None or time.monotonic() < end:
         yield
@@ -132,7 +132,7 @@ def ticks(seconds: float | None, every: float = 0.1) -> Iterator[None]:
 
 
 def check_port(host: str, port: int) -> None:
-    """Refuse a host that is not this machine's, and a port that another program has."""
+    """Refuse a host that is not this machine's, and a port that another program uses."""
     if not 0 < port < 65536:
         raise UserError(f"port {port} does not exist; allowed are 1 to 65535")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -142,7 +142,7 @@ def check_port(host: str, port: int) -> None:
             probe.bind((host, port))
         except OSError as error:
             if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
-                raise UserError(f"host {host} is no address of this machine") from None
+                raise UserError(f"host {host} is not an address of this machine") from None
             raise UserError(
                 f"port {port} cannot be used: {error.strerror}; choose another with --port"
             ) from None

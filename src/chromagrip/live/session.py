@@ -20,7 +20,7 @@ from .worker import Background
 
 #: Time over which the speed is averaged [s].
 _SPEED_OVER = 1.0
-#: Wait of a grasp that is paused [s].
+#: Interval at which a paused grasp checks for changes [s].
 _NAP = 0.02
 
 
@@ -30,10 +30,10 @@ class Shown:
 
     Attributes
     ----------
-    sample: truth beside estimate
-    scene: of the grasp, which a change of a slider value replaces
-    updates: frames computed per second
-    speed: of the grasp over real time
+    sample: truth and estimates of the frame
+    scene: scene of the grasp, with the changes of the sliders
+    updates: frames computed per second [Hz]
+    speed: speed of the grasp over real time
     """
 
     sample: Sample
@@ -49,10 +49,10 @@ class Session(Background):
     Attributes
     ----------
     base: scene that the sliders change
-    show: called with each frame, in that thread
-    tell: called with a sentence where something is refused or the grasp ends, "" where all is well
-    recorder: that may keep it
-    paused: whether it stands
+    show: function called with each frame, in that thread
+    tell: function called with the reason of a refusal or an end of the grasp, and "" at a start
+    recorder: recorder of the grasp
+    paused: whether the grasp is paused
     """
 
     base: Scene
@@ -70,7 +70,7 @@ class Session(Background):
 
     @property
     def sliders(self) -> SliderValues:
-        """What is wished for now."""
+        """Present values of the sliders."""
         return self._sliders
 
     def ask(self, sliders: SliderValues) -> None:
@@ -84,7 +84,7 @@ class Session(Background):
             self._restart = True
 
     def step_once(self) -> None:
-        """Compute one frame of a grasp that is paused."""
+        """Compute one frame of a paused grasp."""
         with self._lock:
             self._steps += 1
 
@@ -101,14 +101,14 @@ class Session(Background):
                 except UserError as error:
                     self.tell(str(error))
                     refused = sliders
-                except Exception as error:  # values that are allowed may be too much together
-                    self.tell(f"the grasp broke off ({type(error).__name__}: {error})")
+                except Exception as error:  # allowed values may be too much together
+                    self.tell(f"the grasp failed ({type(error).__name__}: {error})")
                     refused = sliders
                 else:
                     refused = None
 
     def _grasp(self, sliders: SliderValues) -> None:
-        """One grasp, until another has to begin."""
+        """Run one grasp, until another has to begin."""
         scene = scene_for(self.base, sliders)
         methods = Methods.of_scene(scene)
         with self._lock:
@@ -149,7 +149,7 @@ class Session(Background):
                 )
 
     def _waits(self) -> bool:
-        """Whether the grasp stands; a step that was asked for is taken."""
+        """Return True if the grasp must wait; a requested step is used up."""
         with self._lock:
             if not self.paused:
                 self._steps = 0
@@ -160,7 +160,7 @@ class Session(Background):
             return True
 
     def _pace(self, ends: deque[float], period: float) -> None:
-        """Note the end of a frame, no earlier than its time has come."""
+        """Wait until a frame's period is over, and note its end."""
         now = time.perf_counter()
         if ends and now < ends[-1] + period:
             self._stop.wait(ends[-1] + period - now)

@@ -1,4 +1,4 @@
-"""What the sliders of the page ask for, and the scene that follows from it."""
+"""Values of the page's sliders, and the scene made from them."""
 
 import math
 from collections.abc import Callable
@@ -15,9 +15,9 @@ from ..strict_toml import Kind, Values, convert
 
 #: Length of a live grasp [s].
 LONGEST = 3600.0
-#: A load so small is none; it leaves an axis of the object free.
-_NEXT_TO_NOTHING = 1e-9
-#: Objects by the name that the page gives them: changes of the scene's object.
+#: A load that is negligible, but keeps an axis of the object free.
+_NEGLIGIBLE = 1e-9
+#: Objects by their name on the page: changes to the scene's object.
 OBJECTS: dict[str, dict[str, object]] = {
     "ball of 15 mm": {"shape": "ball", "radius_mm": 15.0, "size_mm": ()},
     "ball of 6 mm": {"shape": "ball", "radius_mm": 6.0, "size_mm": ()},
@@ -45,18 +45,18 @@ class SliderValues:
     Attributes
     ----------
     automatic: whether the controller grips
-    grip: force where it does not [N]
+    grip: grip force while it does not [N]
     load: size of the lateral load [N]
-    azimuth: of the load about the fingertip's axis [°]
+    azimuth: azimuth of the load about the fingertip's axis [°]
     twist: torque about that axis [N·mm]
     friction: µ of the object
-    stiffness: of the object [kPa]
-    controller: name
+    stiffness: Young's modulus of the object [kPa]
+    controller: name of the controller
     sensor: name of the design
-    object: name in `OBJECTS`, or file of a mesh in mm; empty is the scene's
+    object: name in `OBJECTS`, or file of a mesh in mm; empty: the scene's object
     tilt: turn of the object about y [°]
-    noise: of the camera [grey levels]
-    latency: frames between an image and the command from it
+    noise: noise of the camera [grey levels]
+    latency: number of frames between an image and the command from it
     """
 
     automatic: bool
@@ -75,14 +75,14 @@ class SliderValues:
 
     @property
     def restarts(self) -> tuple[str | float, ...]:
-        """What cannot change during a grasp: where it changes, another one begins."""
+        """Values that cannot change during a grasp: a change begins another one."""
         return (
             self.controller, self.sensor, self.object, self.tilt, self.noise, self.latency
         )  # fmt: skip
 
 
 def slider_values(scene: Scene) -> SliderValues:
-    """Values at which the sliders begin: those of the scene, with its last load."""
+    """First values of the sliders: those of the scene, with its last load."""
     load, end = scene.load, scene.duration_s
     x, y = load.force(end), load.sideways(end)
     return SliderValues(
@@ -103,12 +103,12 @@ def slider_values(scene: Scene) -> SliderValues:
 
 
 def scene_for(base: Scene, sliders: SliderValues) -> Scene:
-    """Scene of a grasp with these values; what no slider is for is that of `base`.
+    """Make the scene of a grasp with these values; values without a slider are those of `base`.
 
     Raises
     ------
     UserError
-        For values that make no scene.
+        For values that do not make a valid scene.
     """
     need_one_finger(base, "the live page shows")
     if not math.isfinite(sliders.azimuth):
@@ -139,14 +139,14 @@ def _of_dome(base: Scene, sliders: SliderValues) -> tuple[Values, Values]:
     azimuth = math.radians(sliders.azimuth)
     load: Values = {
         "forces_n": (sliders.load * math.cos(azimuth),),
-        "sideways_n": (sliders.load * math.sin(azimuth) + _NEXT_TO_NOTHING,),
-        "twists_nmm": (sliders.twist + _NEXT_TO_NOTHING,),
+        "sideways_n": (sliders.load * math.sin(azimuth) + _NEGLIGIBLE,),
+        "twists_nmm": (sliders.twist + _NEGLIGIBLE,),
     }
     turned = (base.object.turned_deg[0], sliders.tilt, base.object.turned_deg[2])
     return load, {**_shape_of(sliders.object), "turned_deg": turned}
 
 
-#: Changes of load and object that the sliders of a body ask for.
+#: Changes of load and object by the sliders of a body.
 _OF_BODY: dict[Body, Callable[[Scene, SliderValues], tuple[Values, Values]]] = {
     "chain": _of_chain,
     "dome": _of_dome,
@@ -154,12 +154,12 @@ _OF_BODY: dict[Body, Callable[[Scene, SliderValues], tuple[Values, Values]]] = {
 
 
 def _changed(table: Kind, values: Values, name: str) -> Kind:
-    """Table with other values, which are checked like those of a file."""
+    """Change values of a table; they are checked like those of a file."""
     return convert(msgspec.to_builtins(table) | values, type(table), name)
 
 
 def _shape_of(name: str) -> dict[str, Any]:
-    """Changes of the scene's object for a name of `OBJECTS` or a file; none for the scene's own."""
+    """Changes to the scene's object for a name in `OBJECTS` or a file; empty for its own."""
     if not name:
         return {}
     bare: dict[str, Any] = {"shape": "ball", "radius_mm": math.inf, "size_mm": ()}

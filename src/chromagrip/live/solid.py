@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Faces = NDArray[np.uint32]
 
-#: Side and thickness of the piece of a plane that is drawn [m].
+#: Side and thickness of the drawn piece of a plane [m].
 _PLANE, _THICKNESS = 0.024, 0.0005
 #: Rings of a half sphere.
 _RINGS = 16
 
 
 def object_mesh(settings: ObjectSettings) -> "trimesh.Trimesh":
-    """Surface of an object about its origin [m]; a file's about the middle of its box."""
+    """Surface of an object about its origin [m]; of a file, about the middle of its box."""
     import trimesh
 
     size = [1e-3 * length for length in settings.size_mm]
@@ -69,7 +69,7 @@ def half_sphere(radius: float) -> Array:
 def skin_faces(points: Array) -> Faces:
     """Triangles between points of a skin that has one height at each place, (M, 3).
 
-    They are found on the skin laid flat: seen from above, its steep rim would have no width.
+    They are found on the flattened skin: viewed from above, its steep rim would have no width.
     """
     across = np.hypot(points[:, 0], points[:, 1])
     height = points[:, 2] - points[:, 2].min() + 0.1 * across.max()

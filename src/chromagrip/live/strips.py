@@ -13,7 +13,7 @@ from ..loop.sample import Sample
 if TYPE_CHECKING:
     import viser
 
-#: Length of the curves [s], and frames on them at most.
+#: Length of the curves [s], and largest number of frames on them.
 SECONDS, FRAMES = 10.0, 2000
 #: Colours as in the figures: true, estimated, and its interval.
 _TRUE, _ESTIMATED, _INTERVAL = "#0072b2", "#d55e00", "rgba(213, 94, 0, 0.2)"
@@ -54,11 +54,11 @@ def _look(name: str) -> dict[str, Any]:
         return {"stroke": _INTERVAL, "width": 1}
     if name == "applied_n":
         return {"stroke": "#7a7a7a", "width": 1}
-    known = "_true" in name
-    look: dict[str, Any] = {"stroke": _TRUE if known else _ESTIMATED, "width": 2}
+    true = "_true" in name
+    look: dict[str, Any] = {"stroke": _TRUE if true else _ESTIMATED, "width": 2}
     if name.startswith("friction"):
         return look | {"dash": (2, 2)}
-    return look if known else look | {"dash": (6, 3)}
+    return look if true else look | {"dash": (6, 3)}
 
 
 class Strips:
@@ -66,15 +66,15 @@ class Strips:
 
     Parameters
     ----------
-    server: of the page
-    truth: whether there is one beside the estimate
+    server: server of the page
+    truth: whether the truth is shown in addition to the estimate
     """
 
     def __init__(self, server: "viser.ViserServer", truth: bool = True) -> None:
         self._rows: deque[Row] = deque(maxlen=FRAMES)
         self._plots: list[tuple[Any, tuple[str, ...]]] = []
         for title, span, names in _PLOTS:
-            # A curve without any value would leave a plot without a scale.
+            # A curve without values would give a plot without a scale.
             there = [n for n in names if truth or not ("_true" in n or n == "applied_n")]
             banded = there[0].endswith("_low")
             series: list[Any] = [{"label": name, **_look(name)} for name in there]
@@ -96,7 +96,7 @@ class Strips:
         self._rows.append(row)
 
     def put(self, rows: Sequence[Row]) -> None:
-        """Replace all rows; the last one is now."""
+        """Replace all rows; the last one is the present frame."""
         self._rows = deque(rows, maxlen=FRAMES)
 
     def draw(self) -> None:
@@ -110,7 +110,7 @@ class Strips:
 
 
 def row_of(sample: Sample) -> Row:
-    """Values of a frame, truth beside estimate."""
+    """Values of a frame, with truth and estimates."""
     return values_of(sample, COLUMNS)
 
 

@@ -25,28 +25,30 @@ Floats = NDArray[np.float32]
 
 #: Units of the view in a metre: it shows centimetres.
 UNIT = 100.0
-#: Length of the longest arrow [cm], and arrows below this share of it are left out.
+#: Length of the longest arrow [cm], and share of it below which arrows are omitted.
 LONGEST, _LEAST = 0.5, 0.04
-#: Height of the arrows above the dots, which would hide them [cm].
+#: Height of the arrows above the dots, so that these do not hide them [cm].
 _ABOVE = np.array([0.0, 0.0, 0.03], np.float32)
-#: Colours of the skin, of skin that is pressed most, of the object, RGB.
+#: Colours of the skin, of the most pressed skin and of the object, RGB.
 SKIN, PRESSED, OBJECT = np.array([226, 212, 186]), np.array([20, 90, 190]), (70, 125, 95)
 #: Colours of friction where skin sticks and slips, RGB.
 STICKS, SLIPS = (20, 20, 20), (213, 94, 0)
-#: Distance between the rows of a chain's arrows, which is no width of the chain [m].
+#: Distance between the rows of a chain's arrows, only for display [m].
 BESIDE = 4e-4
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """What is drawn of a frame, in metres and newtons.
+    """Drawing of a frame.
 
     Attributes
     ----------
-    skin: places of its points (N, 3); None where they stay
-    place, turn: of the object: place (3,) and quaternion, real part first; None where there is none
-    pressed, normal: places of pressed skin (P, 3) and the forces there (P,) [N]
-    start, force, slips: places (K, 3) and friction (K, 3) of nodes, and whether they slip (K,)
+    skin: places of the skin's points [m], (N, 3); None if they do not move
+    place: place of the object [m], (3,); None if there is no object
+    turn: rotation of the object as a quaternion, real part first
+    pressed, normal: places of pressed skin [m], (P, 3), and the forces there [N], (P,)
+    start, force, slips: places of nodes [m], (K, 3), their friction [N], (K, 3), and whether they
+        slip, (K,)
     """
 
     skin: Floats | None = None
@@ -64,7 +66,7 @@ class FingertipView:
 
     Parameters
     ----------
-    server: of the page
+    server: server of the page
     """
 
     def __init__(self, server: "viser.ViserServer") -> None:
@@ -73,7 +75,7 @@ class FingertipView:
         self._object: Any = None
         self._largest = 1e-6
         server.scene.set_up_direction("+z")
-        server.scene.configure_default_lights(cast_shadow=False)  # which take most of the time
+        server.scene.configure_default_lights(cast_shadow=False)  # shadows take most of the time
         server.initial_camera.position = (1.9, -2.3, 1.7)
         server.initial_camera.look_at = (0.0, 0.0, 0.8)
 
@@ -98,7 +100,7 @@ class FingertipView:
         self._handles = (self._skin, self._dots, self._arrows)
         self._object = None
         if mesh is not None:
-            # Its far side alone, as glass: one looks into it, at the contact.
+            # Only its far side, transparent, so that the contact is visible.
             self._object = scene.add_mesh_simple(
                 "/object", UNIT * np.asarray(mesh.vertices), np.asarray(mesh.faces, np.uint32),
                 color=OBJECT, opacity=0.4, side="back",
@@ -118,7 +120,7 @@ class FingertipView:
             self._show_arrows(drawn)
 
     def _show_pressure(self, drawn: Drawn) -> None:
-        """Dots where the skin is pressed, the darker the more."""
+        """Draw dots at pressed skin; darker ones are pressed more."""
         position, normal = drawn.pressed, drawn.normal
         if not len(position):
             position, normal = self._rest[:1].astype(np.float32), np.zeros(1, np.float32)
@@ -128,13 +130,13 @@ class FingertipView:
         self._dots.colors = colours.astype(np.uint8)
 
     def _show_arrows(self, drawn: Drawn) -> None:
-        """Friction of each node, to one scale, which shrinks where it must."""
+        """Draw the friction of each node, to one scale, which shrinks for larger forces."""
         size = np.linalg.norm(drawn.force, axis=1)
         self._largest = max(self._largest, float(size.max(initial=0.0)))
         kept = size > _LEAST * self._largest
         start, slips = UNIT * drawn.start[kept] + _ABOVE, drawn.slips[kept]
         way = LONGEST / self._largest * drawn.force[kept]
-        if not len(start):  # viser takes no empty list: one that is too small to see
+        if not len(start):  # viser refuses an empty list: draw one too small to be visible
             start, way = np.full((1, 3), -1.0, np.float32), np.full((1, 3), 1e-4, np.float32)
             slips = np.zeros(1, bool)
         self._arrows.points = np.stack([start, start + way], axis=1).astype(np.float32)
@@ -146,7 +148,7 @@ class GraspView:
 
     Parameters
     ----------
-    server: of the page
+    server: server of the page
     """
 
     def __init__(self, server: "viser.ViserServer") -> None:
@@ -155,14 +157,14 @@ class GraspView:
         self._draw: Draw
 
     def begin(self, scene: Scene) -> None:
-        """Draw skin and object of a scene, where they are not drawn yet."""
+        """Draw skin and object of a scene, unless they are drawn already."""
         if self._scene is None or _looks(scene) != _looks(self._scene):
             points, self._draw = _BODIES[scene.body](scene)
             self._view.begin(points, object_mesh(scene.object))
         self._scene = scene
 
     def drawn(self, sample: Sample, estimated: bool) -> Drawn:
-        """What is drawn of a frame, with the estimated forces where there are some."""
+        """Drawing of a frame, with the estimated forces if asked for and known."""
         observation = sample.observation
         field, mu = sample.field, sample.friction
         if estimated and observation is not None and sample.tracks is not None:
@@ -175,7 +177,7 @@ class GraspView:
 
 
 def _chain(scene: Scene) -> "tuple[Array, Draw]":
-    """Points of the skin of a scene's chain, and what draws its contacts."""
+    """Points of the skin of a scene's chain, and the function that draws its contacts."""
 
     def draw(contact: Contact, field: ForceField, mu: float) -> Drawn:
         apex = float(contact.field.position[:, 1].max())
@@ -185,7 +187,7 @@ def _chain(scene: Scene) -> "tuple[Array, Draw]":
 
 
 def _dome(scene: Scene) -> "tuple[Array, Draw]":
-    """Points of the skin of a scene's silicone, and what draws its contacts."""
+    """Points of the skin of a scene's silicone, and the function that draws its contacts."""
     dome = scene.build_dome()
     points = lattice(dome).points
 
@@ -206,7 +208,7 @@ _BODIES: dict[Body, Callable[[Scene], tuple[Array, Draw]]] = {"chain": _chain, "
 
 
 def drawn_forces(field: ForceField, mu: float, **more: Any) -> Drawn:
-    """What is drawn of forces; `more` are the other values of `Drawn`."""
+    """Drawing of forces; `more` are the other values of `Drawn`."""
     position, friction, size = in_space(field)
     pressed = field.contact & (field.normal > 0.0)
     arrows, start = np.flatnonzero(field.contact), position
@@ -229,10 +231,10 @@ def in_space(field: ForceField) -> tuple[Array, Array, Array]:
     if field.directions is not None:
         return field.position, field.friction, field.friction_sizes
     x, z = field.position.T
-    none = np.zeros_like(x)
+    zeros = np.zeros_like(x)
     return (
-        np.stack([x, none, z], axis=-1),
-        np.stack([field.friction, none, none], axis=-1),
+        np.stack([x, zeros, z], axis=-1),
+        np.stack([field.friction, zeros, zeros], axis=-1),
         abs(field.friction),
     )
 
@@ -242,8 +244,8 @@ def _small(values: Array) -> Floats:
 
 
 def _looks(scene: Scene) -> tuple[object, ...]:
-    """What the drawn skin and object hang on."""
-    same = {
+    """Values of a scene that determine the drawn skin and object."""
+    ignored = {
         "friction": 0.5, "stiffness_kpa": 200.0, "friction_times_s": (), "frictions": (),
     }  # fmt: skip
-    return scene.body, scene.sensor, scene.dome, msgspec.structs.replace(scene.object, **same)
+    return scene.body, scene.sensor, scene.dome, msgspec.structs.replace(scene.object, **ignored)

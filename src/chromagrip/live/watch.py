@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 #: Time in which the next frame must come [s].
 _FRAME_WITHIN = 10.0
-#: Time in which a watcher ends; one that waits for a camera does not hold up the program [s].
+#: Longest wait for a watcher to end, so that one that waits for a camera does not block [s].
 _LAST = 2.0
 _NAP = 0.02
 
@@ -49,10 +49,10 @@ class Looked:
 
     Attributes
     ----------
-    reading: of the frame
-    updates: frames per second
-    speed: of the source's time over real time
-    skipped: frames of a camera that were left out until now
+    reading: reading of the frame
+    updates: frames per second [Hz]
+    speed: speed of the source's time over real time
+    skipped: number of a camera's frames skipped so far
     """
 
     reading: Reading
@@ -63,13 +63,13 @@ class Looked:
 
 @dataclass(frozen=True, kw_only=True)
 class Looking:
-    """A source, and what its pictures are read with.
+    """A source, and the methods for reading its pictures.
 
     Attributes
     ----------
     source, rest, fps: as in `open_tracking`
-    calibration: name or file, see `load_calibration`
-    reconstructor: by name, see `load_reconstructor`
+    calibration: name or file of the calibration, see `load_calibration`
+    reconstructor: name of the reconstructor, see `load_reconstructor`
     """
 
     source: str
@@ -85,19 +85,19 @@ class Looking:
         Raises
         ------
         UserError
-            Where there is none of that name, or forces cannot be read with it.
+            When the name is unknown, or it is not for forces.
         """
         known = load_calibration(self.calibration)
         if known.sensor.shape.flat:
             raise UserError(
-                f"calibration {self.calibration} is of a flat pad, which has no force model; "
+                f"calibration {self.calibration} is for a flat pad, which has no force model; "
                 "`chromagrip estimate` reads its displacements"
             )
         check_reconstructor(self.reconstructor, known)
         return known
 
     def open(self) -> Opened:
-        """The source from its beginning, with its first frames, or others, taken as at rest."""
+        """Open the source from its beginning, with the frames at rest that `rest` names."""
         known = self.known
         palette = Palette.of_sensor(known.sensor)
         opened = open_tracking(
@@ -116,10 +116,10 @@ class Watcher(Background):
     Attributes
     ----------
     looking: source and calibration
-    first: that source, opened
-    show: called with each frame, in that thread
-    tell: called with a sentence where the source ends or breaks off
-    paused: whether it stands
+    first: opened source
+    show: function called with each frame, in that thread
+    tell: function called with a sentence when the source ends or fails
+    paused: whether it is paused
     """
 
     looking: Looking
@@ -133,29 +133,29 @@ class Watcher(Background):
     patience = _LAST
 
     def restart(self) -> None:
-        """Open the source again, with other frames at rest."""
+        """Open the source again, with new frames at rest."""
         self._restart.set()
 
     def step_once(self) -> None:
-        """Look at one frame while it stands."""
+        """Read one frame while it is paused."""
         self._steps += 1
 
     def _run(self) -> None:
-        given: Opened | None = self.first
+        opened: Opened | None = self.first
         with one_thread():
             while not self._stop.is_set():
                 self._restart.clear()
                 try:
-                    self._look(given or self.looking.open())
+                    self._look(opened or self.looking.open())
                     self.tell(f"**{self.looking.source} has ended;** restart shows it again")
                 except UserError as error:
                     self.tell(f"**{error};** restart tries it again")
-                given = None
+                opened = None
                 while not (self._stop.wait(_NAP) or self._restart.is_set()):
                     pass
 
     def _look(self, opened: Opened) -> None:
-        """Frames of the source until it ends, or is to start again."""
+        """Read frames of the source until it ends or must start again."""
         source = replace(opened.source, frames=lambda: opened.frames)
         ends: deque[tuple[float, float]] = deque(maxlen=30)
         with closing(Feed(source, _FRAME_WITHIN)) as feed:
@@ -182,7 +182,7 @@ class Watcher(Background):
 
 
 def _rates(ends: deque[tuple[float, float]], live: bool) -> tuple[float, float]:
-    """Frames per second, and time of the source over real time, which a camera always keeps."""
+    """Frames per second, and speed of the source over real time, which is 1 for a camera."""
     span = ends[-1][0] - ends[0][0]
     if not span > 0.0:
         return 0.0, 1.0
@@ -194,8 +194,8 @@ def serve_source(looking: Looking, address: Address) -> None:
 
     Parameters
     ----------
-    looking: source, and what its pictures are read with
-    address: of the page
+    looking: source, and the methods for reading its pictures
+    address: address of the page
 
     Raises
     ------
@@ -217,8 +217,8 @@ class WatchPage:
 
     Parameters
     ----------
-    server: of the page
-    looking: what is looked at
+    server: server of the page
+    looking: source of the pictures
     """
 
     def __init__(self, server: "viser.ViserServer", looking: Looking) -> None:
@@ -233,11 +233,11 @@ class WatchPage:
         self.board.finish()
 
     def connect(self, watcher: Watcher) -> None:
-        """Let the buttons ask that watcher."""
+        """Connect the buttons with a watcher."""
         self._watcher = watcher
 
     def press(self, button: str) -> None:
-        """Do what a button says."""
+        """Do the action of a button."""
         watcher = self._watcher
         if watcher is None:
             return
@@ -250,37 +250,37 @@ class WatchPage:
             watcher.restart()
 
     def show(self, looked: Looked) -> None:
-        """Show a frame, where it is time for a picture."""
+        """Show a frame if a picture is due."""
         reading = looked.reading
-        seen, frame = reading.observation, reading.frame
-        assert seen is not None
+        observation, frame = reading.observation, reading.frame
+        assert observation is not None
         assert frame is not None
         sample = Sample(index=0, time=frame.time, readings=(reading,), grip=math.nan)
         self.board.add(row_of(sample))
         stands = self._watcher is not None and self._watcher.paused
         if not self.board.is_due(stands):
             return
-        self._view.show(drawn_forces(seen.field, seen.friction))
+        self._view.show(drawn_forces(observation.field, observation.friction))
         self._state = [
             line_of_speed(frame.time, looked.updates, looked.speed),
-            line_of_estimate(seen),
+            line_of_estimate(observation),
         ]
-        if not seen.no_estimate and math.isfinite(seen.friction):
-            low, high = seen.friction_interval
-            guess = "" if seen.friction_observable else ": a guess, nothing slips"
-            self._state.append(f"µ {seen.friction:.2f} ({low:.2f} to {high:.2f}){guess}")
+        if not observation.no_estimate and math.isfinite(observation.friction):
+            low, high = observation.friction_interval
+            guess = "" if observation.friction_observable else ": a guess, the skin does not slip"
+            self._state.append(f"µ {observation.friction:.2f} ({low:.2f} to {high:.2f}){guess}")
         if looked.skipped:
             self._state.append(f"{looked.skipped} frames left out: this machine is slower")
         picture = picture_of(frame.image, reading.tracks, reading.rest)
         self.board.show(picture, self._state, stands)
 
     def tell(self, sentence: str) -> None:
-        """Say that the source ended or broke off."""
+        """Show that the source ended or failed."""
         self.board.say([*self._state, sentence])
 
 
 def _skin(looking: Looking) -> Array:
-    """Points of the skin that forces are estimated on [m]."""
+    """Points of the skin on which forces are estimated [m], shape (N, 3)."""
     known = looking.known
     if name_used(looking.reconstructor, known) in DOME_METHODS:
         return lattice(known.sensor.dome).points

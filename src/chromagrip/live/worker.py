@@ -1,11 +1,11 @@
-"""Work in a thread of its own, whose failure is not lost."""
+"""Work in a thread of its own; its failure is raised in the main thread."""
 
 import threading
 from typing import Self
 
 
 class Worker(threading.Thread):
-    """A thread that ends with the program, and remembers what it raised."""
+    """A thread that ends with the program, and keeps the error that it raised."""
 
     error: BaseException | None = None
 
@@ -17,17 +17,17 @@ class Worker(threading.Thread):
             self.error = error
 
     def check(self) -> None:
-        """Raise what the work raised."""
+        """Raise the error of the work, if there is one."""
         if self.error is not None:
             raise self.error
 
 
 class Background:
-    """Work that goes on until it is told to stop; a context.
+    """Work that goes on until it is stopped; a context.
 
     Attributes
     ----------
-    patience: time that it has to end [s]; None waits for it
+    patience: longest wait for its end [s]; None: no limit
     """
 
     patience: float | None = None
@@ -45,7 +45,7 @@ class Background:
         self._thread.join(self.patience)
 
     def check(self) -> None:
-        """Raise what failed in the thread."""
+        """Raise the error of the thread, if there is one."""
         self._thread.check()
 
     def _run(self) -> None:

@@ -1,4 +1,4 @@
-"""A column of a trace, and how its values follow from a frame."""
+"""A column of a trace, and the function of a frame that gives its values."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -45,10 +45,10 @@ class Held:
 
     Attributes
     ----------
-    now: the pinch then
-    mass: of the object with what has been added to it [kg]
-    rise: of the object's centre of mass since the start [m]
-    outcome: the worst so far, by its number
+    now: state of the pinch
+    mass: mass of the object with the mass added to it [kg]
+    rise: rise of the object's centre of mass since the start [m]
+    outcome: number of the worst outcome so far, see `OUTCOMES`
     """
 
     now: Pinched
@@ -63,9 +63,9 @@ class Line:
 
     Attributes
     ----------
-    sample: of the frame
+    sample: sample of the frame
     finger: number of the finger
-    held: what two fingers hold; None for one
+    held: both fingers and their object; None for one finger
     """
 
     sample: Sample
@@ -84,11 +84,11 @@ class Column:
 
     Attributes
     ----------
-    name: of the column, without that of a finger
-    meaning: in one line
-    value: at a frame; NaN where it is unknown
-    topic: in a log; empty if logs leave it out
-    bodies: mechanics whose traces have it
+    name: name of the column, without that of a finger
+    meaning: one line of text
+    value: function of a frame that gives the value; NaN if it is unknown
+    topic: topic in a log; empty: not in logs
+    bodies: mechanics whose traces have the column
     """
 
     name: str
@@ -104,7 +104,7 @@ class Column:
 
 
 def held(name: str, meaning: str, value: Callable[[Held], float], topic: str = "") -> Column:
-    """Column of what two fingers hold."""
+    """Make a column of a grasp with two fingers."""
 
     def known(line: Line) -> float:
         return math.nan if line.held is None else value(line.held)
@@ -113,7 +113,7 @@ def held(name: str, meaning: str, value: Callable[[Held], float], topic: str = "
 
 
 def true(value: Callable[[Contact], float]) -> Callable[[Line], float]:
-    """Value of a finger's true contact; NaN where the truth is unknown."""
+    """Make a function for a value of a finger's true contact; NaN if the truth is unknown."""
 
     def known(line: Line) -> float:
         truth = line.sample.truth
@@ -123,7 +123,7 @@ def true(value: Callable[[Contact], float]) -> Callable[[Line], float]:
 
 
 def read(value: Callable[[GripObservation], float]) -> Callable[[Line], float]:
-    """Value of a finger's observation; NaN for a dropped frame."""
+    """Make a function for a value of a finger's observation; NaN for a dropped frame."""
 
     def known(line: Line) -> float:
         observation = line.reading.observation
@@ -139,12 +139,12 @@ def estimate(
     interval: Callable[[GripObservation], tuple[float, float]],
     bodies: tuple[Mechanics, ...] = ALL,
 ) -> Iterator[Column]:
-    """Columns of an estimate and the ends of its interval."""
+    """Make the columns of an estimate and the ends of its interval."""
     topic = f"/{name}/estimated"
     yield Column(f"{name}_estimated", f"{words} as estimated", read(value), topic, bodies)
     low, high = (f"{end} end of the 90 % interval of {words}" for end in ("lower", "upper"))
-    yield Column(f"{name}_low", low, read(lambda seen: interval(seen)[0]), bodies=bodies)
-    yield Column(f"{name}_high", high, read(lambda seen: interval(seen)[1]), bodies=bodies)
+    yield Column(f"{name}_low", low, read(lambda o: interval(o)[0]), bodies=bodies)
+    yield Column(f"{name}_high", high, read(lambda o: interval(o)[1]), bodies=bodies)
 
 
 def deviation(observation: GripObservation, k: int) -> float:
@@ -158,7 +158,7 @@ def wrench_columns(
     known: Callable[[Callable[[Source], float]], Callable[[Line], float]],
     wrench: Callable[[Source], Array],
 ) -> Iterator[Column]:
-    """Columns of the force along x, y, z and the torque about z [N, N·m]."""
+    """Make the columns of the force along x, y, z [N] and the torque about z [N·mm]."""
     names = [f"force_{axis}_{kind}_n" for axis in "xyz"] + [f"torque_{kind}_nmm"]
     meanings = [f"{words} along the fingertip's {axis}" for axis in "xyz"]
     meanings.append(words.replace("force", "torque") + " about the fingertip's z")
@@ -171,12 +171,12 @@ def wrench_columns(
 
 
 def true_wrench(contact: Contact) -> Array:
-    """Wrench of a contact; NaN on a chain."""
+    """Wrench of a contact [N, N·m], shape (4,); NaN on a chain."""
     field = contact.field
     return np.full(4, math.nan) if field.directions is None else field.wrench
 
 
 def visible(line: Line) -> float:
-    """Marker pairs that are tracked."""
+    """Number of marker pairs whose layers are both visible; NaN without tracks."""
     tracks = line.reading.tracks
     return math.nan if tracks is None else float(tracks.visible.all(axis=0).sum())

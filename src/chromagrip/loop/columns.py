@@ -1,7 +1,7 @@
 """Table of the columns of a trace.
 
-Lines of traces, schemas of Parquet files, panels of reports, topics of logs and the page of file
-formats follow from it.
+Lines of traces, schemas of Parquet files, panels of reports, topics of logs and
+docs/file-formats.md are made from it.
 """
 
 import math
@@ -35,7 +35,7 @@ from .sample import Sample
 
 Array = NDArray[np.float64]
 
-#: Names of two fingers; `first_` or `second_` stands before the names of their columns.
+#: Names of two fingers; the names of their columns begin with `first_` or `second_`.
 FINGERS = ("first", "second")
 #: Beginnings of the names of each finger's columns.
 PREFIXES: dict[Mechanics, tuple[str, ...]] = {
@@ -104,7 +104,7 @@ WHOLE = (
     held("closing_mm", "distance that each finger closed", lambda h: 1e3 * h.now.state.closing),
     held(
         "slide_mm",
-        "way of the object in the hand across z, without that of the skins",
+        "slide of the object in the hand across z, without the motion of the skins",
         lambda h: 1e3 * h.now.record.slide,
         "/slide_mm/in_hand",
     ),
@@ -254,12 +254,12 @@ def prefixes(scene: Scene) -> tuple[str, ...]:
 
 
 def columns_of(body: Mechanics) -> dict[str, Column]:
-    """Columns by their full names that the trace of these mechanics is written with."""
+    """Columns of a written trace of these mechanics, by full name."""
     return {name: column for name, _, column in _placed(body)}
 
 
 def _placed(body: Mechanics) -> Iterator[tuple[str, int, Column]]:
-    """Full name, finger and column of each value of a line."""
+    """List full name, finger and column of each value of a line."""
     yield from ((column.name, 0, column) for column in WHOLE if body in column.bodies)
     for k, before in enumerate(PREFIXES[body]):
         yield from ((before + c.name, k, c) for c in EACH if body in c.bodies)
@@ -274,19 +274,19 @@ class Rows:
 
     Parameters
     ----------
-    scene: that is run
+    scene: scene that is run
 
     Attributes
     ----------
     columns: names and meanings of the values of a line
-    names: those columns that are written; a chain has no third dimension
+    names: names of the columns that are written; a chain has no third dimension
     """
 
     def __init__(self, scene: Scene) -> None:
         body = scene.mechanics
         placed = list(_placed(_IN_MEMORY[body]))
         self.columns = {name: column.meaning for name, _, column in placed}
-        # Pictures of a scene with a chain may be read by a method for domes.
+        # On the camera path a method for domes may read a chain's pictures.
         self._values = [
             (k, column.value if body in column.bodies or scene.path == "camera" else _unknown)
             for _, k, column in placed
@@ -295,21 +295,21 @@ class Rows:
         self._held = _HELD[body](scene)
 
     def line(self, sample: Sample) -> tuple[float, ...]:
-        """Values of a frame, in the order of `columns`; the first frame is the start."""
+        """Values of a frame, in the order of `columns`; call it first with the first frame."""
         held = self._held(sample)
         lines = [Line(sample=sample, finger=k, held=held) for k, _ in enumerate(sample.readings)]
         return tuple(value(lines[finger]) for finger, value in self._values)
 
 
 class _Object:
-    """What two fingers hold, frame after frame; its rise is counted from the first one."""
+    """Object of two fingers, frame after frame; its rise is counted from the first frame."""
 
     def __init__(self, scene: Scene) -> None:
         self._pinch, self._limits = build_pinch(scene), scene.pinch.limits
         self._start = math.nan
 
     def at(self, sample: Sample) -> Held:
-        """What is held at a frame."""
+        """Both fingers and their object at a frame."""
         now = sample.pinch
         height = -float(self._pinch.down @ now.state.moving.place)
         self._start = height if math.isnan(self._start) else self._start
@@ -321,22 +321,22 @@ class _Object:
         )
 
 
-def _nothing(sample: Sample) -> None:
-    """Nothing is held between two fingers."""
+def _not_held(sample: Sample) -> None:
+    """Return None: one finger does not hold its object."""
 
 
-#: What makes the function that tells what is held between the fingers at a frame.
+#: Makes the function of a sample that gives both fingers and their object.
 _HELD: dict[Mechanics, Callable[[Scene], Callable[[Sample], Held | None]]] = {
-    "chain": lambda scene: _nothing,
-    "dome": lambda scene: _nothing,
+    "chain": lambda scene: _not_held,
+    "dome": lambda scene: _not_held,
     "pinch": lambda scene: _Object(scene).at,
 }
-#: Mechanics whose columns a trace has in memory: pictures of a chain may be read as of a dome.
+#: Mechanics whose columns a trace has in memory: a method for domes may read a chain's pictures.
 _IN_MEMORY: dict[Mechanics, Mechanics] = {"chain": "dome", "dome": "dome", "pinch": "pinch"}
 
 
 def _unknown(line: Line) -> float:
-    """Value of a column that the body lacks."""
+    """Return NaN for a column that the body lacks."""
     return math.nan
 
 
@@ -347,11 +347,11 @@ def values_of(sample: Sample, names: Iterable[str], finger: int = 0) -> dict[str
 
 
 def interval_of(of: Mapping[str, Array], name: str) -> tuple[Array, Array] | None:
-    """Ends of the 90 % interval of an estimate; None where a trace has none.
+    """Ends of the 90 % interval of an estimate; None if the trace has no interval.
 
     Parameters
     ----------
-    of: columns of the trace
+    of: columns of the trace, shape (T,) each
     name: column of the estimate
     """
     if "_estimated" not in name:

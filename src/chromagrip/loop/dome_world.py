@@ -18,19 +18,19 @@ from .world import Clock, World, calm, drive_forces
 
 Array = NDArray[np.float64]
 
-#: Damper between the gripper's drive and ground [N·s/m]: that of the whole chain, 252 of 0.1.
+#: Damper between the gripper's drive and ground [N·s/m]: that of the whole chain, 252 × 0.1.
 PRESS_DRAG = 25.2
 
 
 class DomePlant:
     """A dome under a scene's drive and load; a `Plant`.
 
-    The grip presses the object along −z, the load pulls it along x. Where a scene has them, a
-    second load pulls along y and a torque turns it about z. Its other axes are held.
+    The grip presses the object along −z, the load pulls it along x. If the scene has them, a
+    second load pulls along y and a torque turns it about z. Its other axes are fixed.
 
     Parameters
     ----------
-    scene: dome, object, load, drive and clock
+    scene: scene with dome, object, load, drive and clock
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -54,7 +54,7 @@ class DomePlant:
         return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
 
     def next_frame(self, world: World[Contact], command: float, index: int) -> World[Contact]:
-        """World at the frame after frame `index`, as `Plant` says."""
+        """World at the frame after frame `index`, see `Plant`."""
         clock = self.clock
         times = index * clock.frame + (np.arange(clock.steps) + 0.5) * clock.step
         applied, forces = drive_forces(self.scene, clock, world.applied, command, times.tolist())
@@ -80,26 +80,26 @@ class DomePlant:
         )
 
     def changed(self, world: World[Contact], scene: Scene) -> World[Contact]:
-        """World with the object of another scene, as `Plant` says."""
+        """World with the load and object of another scene, see `Plant`."""
         for axis, key in (("y", "sideways_n"), ("rz", "twists_nmm")):
             if any(getattr(scene.load, key)) and axis not in self._motion.free:
                 raise UserError(
-                    f"the object is held along {axis}; a grasp whose load.{key} is to change needs "
-                    "some from its start"
+                    f"the object cannot move along {axis}; to change load.{key} during a grasp, "
+                    "start it with such a load"
                 )
         self._solid = changed_solid(self._solid, self.scene.object, scene.object)
         self.scene = scene
         return world
 
     def _guided(self) -> Motion:
-        """Motion of the object: free along x and z, and along y and about z where it is loaded."""
+        """Motion of the object: free along x and z, and along y and about z if it is loaded so."""
         load, drag = self.scene.load, self.scene.object.drag_n_s_per_m
         free = ["x", "z"]
         if any(load.sideways_n):
             free.append("y")
         if any(load.twists_nmm):
             free.append("rz")
-        # A contact has half the radius at most, and is braked like a sliding one.
+        # Damping of a turn: that of a slide, at the largest radius of a contact.
         turning = drag * (0.5 * self.dome.radius) ** 2
         pose = build_pose(self.scene.object)
         turn = scipy.spatial.transform.Rotation.from_rotvec(pose[3:]).as_matrix()
@@ -124,13 +124,13 @@ class DomePlant:
 
 
 def changed_solid(solid: Solid, before: ObjectSettings, now: ObjectSettings) -> Solid:
-    """A scene's object with the friction and stiffness of another one."""
+    """Give a scene's object the friction and stiffness of another one."""
     stiffness = solid.stiffness * now.stiffness_kpa / before.stiffness_kpa
     return replace(solid, stiffness=stiffness, friction=now.friction)
 
 
 def solid_at(scene: Scene, solid: Solid, time: float) -> Solid:
-    """A scene's object at a time; always the same one where nothing of it changes."""
+    """A scene's object at a time [s]; the same object if its settings do not change."""
     settings = scene.object
     if not settings.changes:
         return solid

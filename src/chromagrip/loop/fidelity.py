@@ -15,7 +15,7 @@ from ..scene.dome import DomeSettings
 from ..scene.scene import Body, Scene
 from ..strict_toml import Values
 
-#: The expected error is the largest of this many measured situations that are most like a scene …
+#: The expected error is the largest of this many measured situations that are nearest to a scene …
 LIKE = 3
 #: … times this factor of safety.
 SAFETY_FACTOR = 1.25
@@ -39,11 +39,11 @@ class Fidelity:
 
     Attributes
     ----------
-    tracker, reconstructor: names; empty on the truth path, which has neither
-    step_ms: of the body [ms]
-    nodes: of a chain; 0 of a dome
-    body: what the fingertip is
-    pitch_mm: distance between the nodes of a dome [mm]; 0 of a chain
+    tracker, reconstructor: names; empty on the truth path
+    step_ms: longest step of the body [ms]
+    nodes: number of nodes of a chain; 0 for a dome
+    body: body of the fingertip
+    pitch_mm: distance between the nodes of a dome [mm]; 0 for a chain
     """
 
     tracker: str = "fit"
@@ -55,7 +55,7 @@ class Fidelity:
 
     @property
     def changes(self) -> Values:
-        """Dotted key of a scene → value."""
+        """Changes to a scene: dotted key → value."""
         changes: Values = {"fingertip.step_ms": self.step_ms}
         bodies: dict[Body, Values] = {
             "chain": {"fingertip.nodes": self.nodes},
@@ -80,7 +80,10 @@ class Fidelity:
     def auto(
         tolerance: float, scene: Scene, measured: "Sequence[Measured] | None" = None
     ) -> "Choice":
-        """Cheapest fidelity that keeps the RMS error of Γ within a tolerance; see `choose`."""
+        """Choose the cheapest fidelity that keeps the RMS error of Γ within a tolerance.
+
+        Parameters as in `choose`; `measured` is the shipped table by default.
+        """
         return choose(tolerance, scene, read(TABLE) if measured is None else measured)
 
 
@@ -90,9 +93,9 @@ class Measured:
 
     Attributes
     ----------
-    tracker, reconstructor, step_ms, nodes, body, pitch_mm: the fidelity
-    scene_body: of the scene; a fidelity with another body stands in for it
-    rate_hz, noise, friction, stiffness_kpa, curvature: the situation; the last in 1/m
+    tracker, reconstructor, step_ms, nodes, body, pitch_mm: fidelity, see `Fidelity`
+    scene_body: body of the scene; a fidelity with another body approximates it
+    rate_hz, noise, friction, stiffness_kpa, curvature: situation [Hz, grey levels, 1, kPa, 1/m]
     milliseconds: time for a frame [ms]
     seen: RMS error of the estimate of Γ; 0 on the truth path
     plant: RMS difference of the true Γ to that of a finer body of the scene in finer steps
@@ -116,12 +119,12 @@ class Measured:
 
     @property
     def fidelity(self) -> Fidelity:
-        """Fidelity that was measured."""
+        """Measured fidelity."""
         return Fidelity(**{field.name: getattr(self, field.name) for field in fields(Fidelity)})
 
     @property
     def error(self) -> float:
-        """RMS error of Γ, of estimate and chain together."""
+        """RMS error of Γ, from estimate and body together."""
         return float(np.hypot(self.seen, self.plant))
 
 
@@ -131,10 +134,10 @@ class Choice:
 
     Attributes
     ----------
-    fidelity: that was chosen
-    changes: of the scene, dotted key → value
-    milliseconds: expected for a frame [ms]
-    error: expected of Γ, RMS
+    fidelity: chosen fidelity
+    changes: changes to the scene, dotted key → value
+    milliseconds: expected time for a frame [ms]
+    error: expected RMS error of Γ
     lines: reasons as text
     """
 
@@ -150,7 +153,7 @@ TABLE = Path(str(files(__package__) / "fidelity.csv"))
 
 
 def read(path: Path) -> list[Measured]:
-    """Table of a file.
+    """Read a table of measured fidelities.
 
     Raises
     ------
@@ -160,19 +163,19 @@ def read(path: Path) -> list[Measured]:
     try:
         measured = list(read_cells(path, Measured))
     except UserError as error:
-        raise UserError(f"{path} is no table of `chromagrip chart --update`: {error}") from None
+        raise UserError(f"{path} is not a table of `chromagrip chart --update`: {error}") from None
     if not measured:
-        raise UserError(f"{path} is not there or empty; `chromagrip chart --update` makes it")
+        raise UserError(f"{path} is missing or empty; `chromagrip chart --update` makes it")
     return measured
 
 
 def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choice:
-    """Cheapest fidelity that keeps Γ within a tolerance in situations like a scene's.
+    """Choose the cheapest fidelity that keeps Γ within a tolerance in situations like a scene's.
 
     Parameters
     ----------
-    tolerance: of the RMS error of Γ
-    scene: its object, friction, camera and path are compared with what was measured
+    tolerance: largest RMS error of Γ, above 0 and at most 1
+    scene: scene whose object, friction, camera and path are compared with the measured ones
     measured: fidelities to choose from
 
     Raises
@@ -188,7 +191,7 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
             f"sensor {scene.sensor} was not measured; a fidelity is planned for the sensor thesis"
         )
     if scene.path == "camera" and scene.defects != Defects():
-        raise UserError("a fidelity is planned for an image without [defects]: none was measured")
+        raise UserError("a fidelity is planned for an image without [defects]; set no defects")
     obj = scene.object
     if obj.mesh or obj.shape != "ball":
         raise UserError(
@@ -209,13 +212,13 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
         error = SAFETY_FACTOR * max(m.error for m in like)
         expected[fidelity] = float(np.median([m.milliseconds for m in cells])), error
     if not expected:
-        raise UserError(f"nothing was measured on the {scene.path} path")
+        raise UserError(f"no fidelity was measured on the {scene.path} path")
     able = [f for f, (_, error) in expected.items() if error <= tolerance]
     if not able:
         best, least = min(((f, error) for f, (_, error) in expected.items()), key=lambda b: b[1])
         raise UserError(
-            f"nothing is known to keep Γ within {tolerance:g} here; the best, {best.name}, errs by "
-            f"{least:.3f}: give a tolerance of {ceil(100 * least) / 100:g} or more"
+            f"no fidelity is known to keep Γ within {tolerance:g} here; the best, {best.name}, "
+            f"errs by {least:.3f}: give a tolerance of {ceil(100 * least) / 100:g} or more"
         )
     chosen = min(able, key=lambda f: expected[f][0])
     spent, error = expected[chosen]
@@ -229,7 +232,7 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
 
 
 def _plane(scene: Scene) -> bool:
-    """Whether a chain can stand in for the body: all of the scene is in one plane."""
+    """Return True if a chain can approximate the body: the scene is in one plane."""
     load, obj = scene.load, scene.object
     return (
         scene.dome == DomeSettings()
@@ -259,7 +262,7 @@ def _distance(m: Measured, scene: Scene) -> float:
 def _lines(
     chosen: Fidelity, expected: dict[Fidelity, tuple[float, float]], tolerance: float
 ) -> list[str]:
-    """Reasons: the choice, and time and error of every other fidelity."""
+    """Give reasons: the choice, and time and error of every other fidelity."""
     spent, error = expected[chosen]
     lines = [f"{chosen.name}: {spent:.2g} ms a frame, Γ to {error:.3f} of {tolerance:g}"]
     for fidelity, (cost, off) in sorted(expected.items(), key=lambda item: item[1][0]):

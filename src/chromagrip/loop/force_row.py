@@ -1,4 +1,4 @@
-"""Values of an observation by column of `FORCES`, as tables of estimates have them."""
+"""Row of a table of estimates: the values of an observation, by column of `FORCES`."""
 
 import math
 
@@ -13,7 +13,7 @@ _WRENCH, _WRENCH_UNITS = ("force_x", "force_y", "force_z", "torque"), ("_n", "_n
 
 
 def force_row(observation: GripObservation, rule: FrictionRule) -> Row:
-    """Values of an observation and their intervals; None for those that it does not have."""
+    """Values of an observation and their intervals; None for unknown values."""
     if observation.no_estimate:
         return {"no_estimate": observation.no_estimate}
     field = observation.field
@@ -27,7 +27,7 @@ def force_row(observation: GripObservation, rule: FrictionRule) -> Row:
         (("normal", field.total_normal), ("friction", field.total_friction))
     ):
         half = Z90 * math.sqrt(field.totals_covariance[k, k])
-        # In this order a NaN stays one.
+        # In this order of arguments, max keeps a NaN.
         values.append((name, "_n", total, (max(total - half, 0.0), total + half)))
     deviations = [*observation.force_deviation, 1e3 * observation.torque_deviation]
     wrench = [*observation.force, 1e3 * observation.torque]

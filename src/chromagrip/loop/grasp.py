@@ -22,21 +22,22 @@ def grasp(
     methods: Methods | None = None,
     answer_within: float = math.inf,
 ) -> Iterator[Sample]:
-    """Samples of a grasp, as they happen.
+    """Run a grasp; yields a sample after each frame.
 
     Parameters
     ----------
-    scene: object, load, fingertip, camera and methods
-    camera: that takes the frames; the truth path needs none
-    fingertip, known: chain that grips, and calibration of the estimator; None are the scene's
-    methods: controller, tracker and reconstructor; None are the scene's
-    answer_within: time in which a controller that is not ours must answer [s]
+    scene: scene with object, load, fingertip, camera and methods
+    camera: camera that takes the frames; None on the truth path
+    fingertip: chain that grips (default: the scene's)
+    known: calibration of the estimator (default: the scene's)
+    methods: controller, tracker and reconstructor (default: the scene's)
+    answer_within: time in which a controller that is not ours must answer (default: no limit) [s]
 
     Raises
     ------
     UserError
-        For a flat sensor; when the node model cannot go on; when a controller raises, does not
-        answer in time, or answers with what is not a finite force of at least 0.
+        For a flat sensor; when the node model fails; when a controller raises, does not answer in
+        time, or its answer is not a finite force of at least 0.
     """
     methods = methods or Methods.of_scene(scene)
     yield from gripped(
@@ -45,7 +46,7 @@ def grasp(
 
 
 def gripped(rig: Rig, answer_within: float = math.inf) -> Iterator[Sample]:
-    """Samples of a rig that its controller grips, with one finger or two; as of `grasp`."""
+    """Run a rig's grasp with its controller, with one finger or two; see `grasp`."""
     scene, methods = rig.scene, rig.methods
     limit = math.inf if scene.controller in CONTROLLERS.entries else answer_within
     controller = HoldingController(methods.build_controller(scene), scene.controller, limit)

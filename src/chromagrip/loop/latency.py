@@ -1,4 +1,4 @@
-"""The controller's side of the loop: frames reach it late or never, and its answer is the grip.
+"""The controller's side of the loop: frames reach it late or never, and its answer sets the grip.
 
 With a latency of L frames the command at frame k answers frame k − L. Before frame L, and while no
 frame arrives, the grip holds: at first at the controller's answer to the first frame.
@@ -18,14 +18,15 @@ from ..errors import UserError
 from ..output.time_limit import NoAnswerError, TimeLimit
 from ..scene.scene import Scene
 
-#: Stream of random numbers that lost and late frames are drawn from; those below are defects'.
+#: Number of the random stream of lost and late frames; lower numbers are for defects.
 DELIVERY_STREAM = 20
 
 
 def arrivals(scene: Scene) -> NDArray[np.intp]:
-    """Number of the frame at whose instant each frame reaches the controller, −1 for dropped ones.
+    """Draw for each frame the number of the frame at which it arrives; −1 for a dropped frame.
 
-    Drawn from the scene's seed; the first frame, which starts the grip, is never dropped.
+    Numbers are drawn from the scene's seed, shape (frames,). The first frame, which starts the
+    grip, is never dropped.
     """
     rng = np.random.default_rng([scene.seed, DELIVERY_STREAM])
     lost, late = rng.random((scene.frames, 2)).T
@@ -40,8 +41,8 @@ class Arrived:
 
     Attributes
     ----------
-    index: of the frame that it is of
-    observation: with the margin that is to be held
+    index: number of the observed frame
+    observation: observation whose margin is the one to hold
     """
 
     index: int
@@ -61,32 +62,32 @@ class Delivery:
         self._waiting: tuple[Arrived, ...] = ()
 
     def send(self, index: int, observation: GripObservation) -> None:
-        """Send the observation of a frame; what had arrived before this frame is forgotten."""
+        """Send the observation of a frame; observations that arrived before it are forgotten."""
         self._waiting = (*self._later(index - 1), Arrived(index, observation))
 
     def arrived(self, index: int) -> tuple[Arrived, ...]:
-        """What arrives at a frame."""
+        """Observations that arrive at a frame."""
         waiting = self._later(index - 1)
         return waiting[: len(waiting) - len(self._later(index))]
 
     def copied(self) -> "Delivery":
-        """Delivery that goes on from here by itself."""
+        """Copy that continues independently."""
         return copy(self)
 
     def _later(self, index: int) -> tuple[Arrived, ...]:
-        """What arrives after a frame; none overtakes another."""
+        """Observations that arrive after a frame; they stay in order."""
         gone = sum(1 for one in self._waiting if self.due[one.index] <= index)
         return self._waiting[gone:]
 
 
 class HoldingController:
-    """A controller whose answers are checked, and hold until the next one.
+    """A controller whose answers are checked, and held until the next one.
 
     Parameters
     ----------
-    controller: that answers
-    name: of the controller, for messages
-    limit: time in which it must answer [s]; infinite is none
+    controller: controller that answers
+    name: name of the controller in messages
+    limit: time in which it must answer (default: no limit) [s]
     """
 
     def __init__(self, controller: Controller, name: str, limit: float = math.inf) -> None:
@@ -102,14 +103,14 @@ class HoldingController:
         Raises
         ------
         UserError
-            When the controller raises, does not answer in time, or answers with what is not a
-            finite force of at least 0; it says at which force the grip stays.
+            When the controller raises, does not answer in time, or its answer is not a finite force
+            of at least 0; the message gives the force at which the grip stays.
         """
         self._grip = self._answer(Arrived(0, observation))
         self._reset()
 
     def command(self, arrived: Iterable[Arrived]) -> float:
-        """Force commanded from now on [N]: the answer to the last of what arrived.
+        """Force commanded from now on [N]: the answer to the last observation that arrived.
 
         Raises
         ------
@@ -126,7 +127,7 @@ class HoldingController:
             self._limit.call(self._controller.reset)
 
     def _answer(self, arrived: Arrived) -> float:
-        """Force that the controller commands for an observation [N]."""
+        """Ask the controller for a force [N] for an observation."""
         try:
             return self._checked(arrived)
         except UserError as error:
@@ -150,7 +151,7 @@ class HoldingController:
 
 
 def checked_force(force: float, who: str, place: str = "") -> float:
-    """Grip force that can be commanded [N].
+    """Check a grip force [N]; `who` and `place` begin and end the message.
 
     Raises
     ------

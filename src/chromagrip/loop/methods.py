@@ -27,10 +27,10 @@ class Methods:
 
     Attributes
     ----------
-    controller: may be an object too, with the methods `reset` and `command`
-    tracker: called with a palette and the camera's noise [grey levels]
-    reconstructor: called with a calibration and the tracks at rest
-    renderer: called with the design of a sensor
+    controller: controller; also an object with the methods `reset` and `command`
+    tracker: tracker, made with a palette and the camera's noise [grey levels]
+    reconstructor: reconstructor, made with a calibration and the tracks at rest
+    renderer: renderer, made with the design of a sensor
     """
 
     controller: Choice | Controller
@@ -40,18 +40,18 @@ class Methods:
 
     @classmethod
     def of_scene(cls, scene: Scene) -> Self:
-        """Methods that a scene names; `auto` is the reconstructor of the scene's body."""
-        seen = scene.path == "camera"
+        """Methods that a scene names; `auto` becomes the reconstructor of the scene's body."""
+        camera = scene.path == "camera"
         name = scene.reconstructor
         return cls(
             controller=scene.controller,
             tracker=scene.tracker,
-            reconstructor=reconstructor_for(scene.body, name) if seen else name,
+            reconstructor=reconstructor_for(scene.body, name) if camera else name,
             renderer=scene.renderer,
         )
 
     def build_controller(self, scene: Scene) -> Controller:
-        """The controller, with the scene's settings or arguments when it is the scene's."""
+        """Build the controller; a named one gets the scene's settings or arguments."""
         if isinstance(self.controller, str):
             return scene.build_controller()
         controller: Controller = CONTROLLERS.build(self.controller)
@@ -59,12 +59,12 @@ class Methods:
 
 
 def reconstructor_for(body: Body, name: str) -> str:
-    """Name of the reconstructor that reads a body's pictures; of the one that `auto` stands for.
+    """Name of the reconstructor for a body; `auto` becomes the name of the one that it selects.
 
     Raises
     ------
     UserError
-        For one of ours that reads another body.
+        For one of ours that is for another body.
     """
     if name == DEFAULT_RECONSTRUCTOR:
         return AUTOMATIC[body]
@@ -81,19 +81,19 @@ def reconstructor_for(body: Body, name: str) -> str:
 
 
 def choose(scene: Scene, **choices: Any) -> tuple[Scene, Methods]:
-    """Scene that names the chosen methods, and the methods themselves.
+    """Replace a scene's methods; returns the scene with their names, and the methods themselves.
 
-    The reconstructor `auto` of a camera path is replaced with the name of the one it stands for.
+    On the camera path the reconstructor `auto` is replaced with the name of the one it selects.
 
     Parameters
     ----------
-    scene: whose methods are taken where none is chosen
-    choices: names of `Methods`, each a choice or None
+    scene: scene whose methods are used if not chosen
+    choices: choice of each method of `Methods`, by name; None: the scene's
 
     Raises
     ------
     UserError
-        For a name that does not exist, and a reconstructor of another body.
+        For an unknown name, and for a reconstructor for another body.
     """
     chosen = {kind: choice for kind, choice in choices.items() if choice is not None}
     names: dict[str, Any] = {kind: name_of(choice) for kind, choice in chosen.items()}
@@ -107,7 +107,7 @@ def choose(scene: Scene, **choices: Any) -> tuple[Scene, Methods]:
 
 
 def readable(scene: Scene, methods: Methods) -> SensorCalibration | None:
-    """Calibration that a scene's pictures are read with; None on the truth path and of a pad.
+    """Calibration for reading a scene's pictures; None on the truth path and for a pad.
 
     Raises
     ------

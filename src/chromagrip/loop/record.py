@@ -1,4 +1,4 @@
-"""The record of a run: its trace and summary, and its folder where one is wanted."""
+"""The record of a run: its trace and summary, and the files of its folder."""
 
 import time
 from array import array
@@ -26,10 +26,10 @@ class Result:
 
     Attributes
     ----------
-    scene: that was run, with the names of the methods that were used
-    summary: see `trace.summarise`
-    trace: time series, truth beside estimate
-    folder: where the files are; None when nothing was written
+    scene: scene that was run, with the names of the methods used
+    summary: values of the run by name, see `trace.summarise`
+    trace: time series of truth and estimates
+    folder: folder of the files; None if no files were written
     """
 
     scene: Scene
@@ -39,14 +39,14 @@ class Result:
 
 
 class Record:
-    """Samples of a run as they come: of a simulation, of frames from outside or of a live grasp.
+    """Records samples as they come: from a simulation, a real camera or a live grasp.
 
     Parameters
     ----------
-    scene: that is run
-    methods: that read its pictures
+    scene: scene that is run
+    methods: methods that read its pictures
     known: calibration of the first finger; None on the truth path
-    files: of the run; None writes nothing
+    files: files of the run; None: no files are written
     """
 
     def __init__(
@@ -68,13 +68,13 @@ class Record:
 
         Parameters
         ----------
-        sample: of the frame
-        rig: that stands at the frame, for its pictures; None where they are not kept
+        sample: sample of the frame
+        rig: rig at that frame, for its pictures; None if they are not kept
 
         Raises
         ------
         UserError
-            When the folder cannot be written; nothing of the run is left in it then.
+            When the folder cannot be written; the run's files are then removed.
         """
         if self._rows:  # the first frame includes those at rest
             self._seconds += time.perf_counter() - self._since
@@ -88,16 +88,16 @@ class Record:
 
     @property
     def trace(self) -> Trace:
-        """Frames until now."""
+        """Trace of the frames so far."""
         return make_trace(self._rows, self._lines.columns)
 
     def finish(self, scene: Scene | None = None, said: str = "", **more: Any) -> Result:
-        """Write the results, however the run ended.
+        """Write the results, also of a run that was interrupted.
 
         Parameters
         ----------
-        scene, said: where these are known at the end only, see `RunFiles.write`
-        more: values of the summary beside its own, or in their place
+        scene, said: scene and note that are known only at the end, see `RunFiles.write`
+        more: further values of the summary, or replacements of its own
 
         Raises
         ------
@@ -117,7 +117,7 @@ class Record:
 
 
 def _pose_at_rest(known: SensorCalibration | None, rest: Tracks | None) -> CameraPose | None:
-    """Pose of the camera; None on the truth path, and where a plug-in's tracks do not show it."""
+    """Pose of the camera; None on the truth path, and if it cannot be fitted to the tracks."""
     if known is not None and rest is not None:
         with suppress(UserError):
             return rest_pose(known.sensor, rest)

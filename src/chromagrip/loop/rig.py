@@ -1,9 +1,9 @@
 """A grasp, frame by frame: `reset`, then a grip force for each step, until the scene is over.
 
     with chromagrip.open("margin-60hz") as rig:
-        seen = rig.reset(seed=1)
+        observation = rig.reset(seed=1)
         while not rig.done:
-            seen = rig.step(grip=2.0)
+            observation = rig.step(grip=2.0)
 
 `grasp` is this loop with a controller in it.
 """
@@ -36,18 +36,18 @@ from .world import ChainPlant, Plant, World
 
 @dataclass(frozen=True, kw_only=True)
 class RigState:
-    """Everything that the next step of a rig starts from; for rigs of the same scene.
+    """State from which the next step of a rig starts; for rigs of the same scene.
 
     Attributes
     ----------
-    scene: with the seed that the grasp was reset with
-    index: of the frame
-    world: of that frame
-    readings: of each finger in that frame
-    smaller: finger whose observation goes to the controller
+    scene: scene with the seed of the last reset
+    index: number of the frame
+    world: true contact at that frame
+    readings: reading of each finger in that frame
+    smaller: number of the finger whose observation goes to the controller
     sensors: state of each finger's sensor
-    readers: of each finger, that go on from there
-    delivery: observations on their way
+    readers: reader of each finger
+    delivery: observations on their way to the controller
     """
 
     scene: Scene
@@ -70,15 +70,16 @@ class Rig:
 
     Parameters
     ----------
-    scene: object, load, fingertip, camera and methods
-    methods: tracker and reconstructor; None are the scene's
-    camera: that takes the frames of one finger; None opens the scene's when first needed
-    fingertip, known: chain that grips, and calibration of the estimator; None are the scene's
+    scene: scene with object, load, fingertip, camera and methods
+    methods: tracker and reconstructor (default: the scene's)
+    camera: camera that takes the frames of one finger (default: the scene's, opened when needed)
+    fingertip: chain that grips (default: the scene's)
+    known: calibration of the estimator (default: the scene's)
 
     Raises
     ------
     UserError
-        For a flat sensor, and one whose pictures cannot be read.
+        For a flat sensor, and for a sensor whose pictures cannot be read.
     """
 
     def __init__(
@@ -116,7 +117,7 @@ class Rig:
 
     @property
     def truth(self) -> Any:
-        """True contact, of two fingers both and the object; not for a controller."""
+        """True contact; for two fingers both contacts and the object. Not for a controller."""
         self._check_begun("truth")
         return self._world.now
 
@@ -128,39 +129,39 @@ class Rig:
 
     @property
     def readings(self) -> tuple[Reading, ...]:
-        """What was read of this frame by each finger, before the latency."""
+        """Reading of this frame by each finger, before the latency."""
         self._check_begun("readings")
         return self._readings
 
     @property
     def reading(self) -> Reading:
-        """The same of the finger whose margin is smaller."""
+        """Reading of the finger whose margin is smaller."""
         return self.readings[self._smaller]
 
     @property
     def done(self) -> bool:
-        """Whether this is the scene's last frame."""
+        """True at the scene's last frame."""
         return self._index + 1 == self.scene.frames
 
     @property
     def arrived(self) -> tuple[Arrived, ...]:
-        """Frames that reach a controller at this one, in their order, each with its observation.
+        """Observations that reach a controller at this frame, in order, after the latency.
 
-        After the latency; a late frame comes together with the next one.
+        A late one comes together with the next one.
         """
         self._check_begun("arrived")
         return self._delivery.arrived(self._index)
 
     def reset(self, seed: int | None = None) -> GripObservation:
-        """Begin the grasp anew, with the object at the fingertip and nothing gripped yet.
+        """Begin the grasp again, with the object at the fingertip and no grip.
 
         Parameters
         ----------
-        seed: of all random numbers; None is the one that the rig has
+        seed: seed of all random numbers (default: the rig's)
 
         Returns
         -------
-        Observation of the first frame, which is there at once: a grip starts from it.
+        observation of the first frame, without latency: a grip starts from it
         """
         if seed is not None and seed != self.scene.seed:
             self._reseed(seed)
@@ -174,27 +175,27 @@ class Rig:
             )
         )
         self._delivery = Delivery(arrivals(self.scene))
-        seen = self._read(0)
-        assert seen is not None  # the first frame is never dropped
-        return seen
+        observation = self._read(0)
+        assert observation is not None  # the first frame is never dropped
+        return observation
 
     def step(self, grip: float) -> GripObservation | None:
         """Grip with a force until the next frame.
 
         Parameters
         ----------
-        grip: force that is commanded from now on [N]
+        grip: force commanded from now on [N]
 
         Returns
         -------
-        The newest observation that arrives at the next frame, with the margin that is to be held;
-        None where none arrives, because of the latency or of a dropped frame.
+        newest observation that arrives at the next frame, with the margin to hold; None if no
+        observation arrives, because of the latency or a dropped frame
 
         Raises
         ------
         UserError
             Before `reset`; after the scene's last frame; for a force that is not finite or is
-            negative; when the model cannot go on.
+            negative; when the model fails.
         """
         self._check_begun("step()")
         if self.done:
@@ -212,13 +213,13 @@ class Rig:
     def change(self, scene: Scene) -> None:
         """Go on from this frame with the load, the µ and the stiffness of another scene.
 
-        The same scene with these values from its start would have come to another state.
+        The state differs from that of a grasp with these values from its start.
 
         Raises
         ------
         UserError
-            Before `reset`; for a scene that differs elsewhere; for a load along an axis that the
-            object is held in.
+            Before `reset`; for a scene that differs elsewhere; for a load along an axis on which
+            the object is fixed.
         """
         self._check_begun("change()")
         ours, theirs = self.scene.object, scene.object
@@ -228,17 +229,17 @@ class Rig:
         if msgspec.structs.replace(self.scene, load=scene.load, object=alike) != scene:
             raise UserError(
                 "during a grasp only load, object.friction and object.stiffness_kpa can change; "
-                "anything else needs a rig of its own"
+                "other changes need a new rig"
             )
         self._world = self.plant.changed(self._world, scene)
         self.scene = scene
 
     def sample(self, grip: float = math.nan) -> Sample:
-        """The frame, truth beside estimate.
+        """Sample of this frame, with truth and estimates.
 
         Parameters
         ----------
-        grip: force that is commanded from now on [N]
+        grip: force commanded from now on (default: unknown, NaN) [N]
         """
         self._check_begun("sample()")
         return Sample(
@@ -255,12 +256,12 @@ class Rig:
         )
 
     def pictures(self) -> tuple[Frame, ...]:
-        """Each camera's picture of this frame, also on the truth path and of a dropped frame."""
+        """Take each camera's picture of this frame, also on the truth path and if it is dropped."""
         self._check_begun("pictures()")
         return tuple(sensor.data.frame for sensor in self.sensors)
 
     def picture(self) -> Frame:
-        """The only camera's picture, as `pictures`.
+        """Take the picture of the only camera, as `pictures`.
 
         Raises
         ------
@@ -273,11 +274,11 @@ class Rig:
         return self.pictures()[0]
 
     def rest_pictures(self) -> tuple[Frame, ...]:
-        """Each camera's picture of the untouched finger, with noise that is in no other frame."""
+        """Take each camera's picture of the untouched finger, with noise of its own."""
         return tuple(sensor.rest_frames(1)[0] for sensor in self.sensors)
 
     def save(self) -> RigState:
-        """State of the grasp, from which it can go on later, as often as is wanted."""
+        """State of the grasp, from which it can go on later, any number of times."""
         self._check_begun("save()")
         return RigState(
             scene=self.scene,
@@ -299,9 +300,9 @@ class Rig:
             For a state of another scene.
         """
         if len(state.sensors) != len(self.sensors):
-            raise UserError("the state was saved of another number of fingers")
+            raise UserError("the state belongs to a scene with another number of fingers")
         if msgspec.structs.replace(state.scene, seed=self.scene.seed) != self.scene:
-            raise UserError("the state was saved of another scene; restore it in a rig of that one")
+            raise UserError("the state belongs to another scene; restore it in a rig of that scene")
         if state.scene.seed != self.scene.seed:
             self._reseed(state.scene.seed)
         self._index, self._world = state.index, state.world
@@ -312,7 +313,7 @@ class Rig:
             sensor.restore(shown)
 
     def open(self) -> None:
-        """Open the cameras, which are opened with their first picture otherwise.
+        """Open the cameras now instead of at their first picture.
 
         Raises
         ------
@@ -332,7 +333,7 @@ class Rig:
             raise UserError(f"{what} is not possible before reset(); call reset() first")
 
     def _reseed(self, seed: int) -> None:
-        """Take another seed, with other cameras, whose noise and defects it decides."""
+        """Change the seed, and make new sensors with its noise and defects."""
         if not 0 <= seed < 2**32:
             raise UserError(f"seed = {seed} must be from 0 to {2**32 - 1}")
         self.close()
@@ -340,7 +341,7 @@ class Rig:
         self.sensors = self._new_sensors()
 
     def _new_sensors(self) -> tuple[TactileSensor, ...]:
-        """Sensor of each finger."""
+        """Make the sensor of each finger."""
         return tuple(
             TactileSensor.of_scene(each, self.methods.renderer, self._camera, body=self._fingertip)
             for each in fingers(self.scene)
@@ -349,20 +350,20 @@ class Rig:
     def _reader(
         self, finger: Scene, sensor: TactileSensor, known: SensorCalibration | None
     ) -> Reader | TruthReader:
-        """Reader of a finger, which is given its frames at rest."""
+        """Make the reader of a finger from its frames at rest."""
         if known is None:
             return TruthReader(finger)
         rest = sensor.rest_frames(finger.camera.rest_frames)
         return scene_reader(finger, known, self.methods.tracker, self.methods.reconstructor, rest)
 
     def _show(self, index: int) -> None:
-        """Let the sensors show the world at a frame."""
+        """Give the sensors the world at a frame."""
         now, exposed = self._world.now.fingers, self._world.exposed.fingers
         for sensor, contact, shown in zip(self.sensors, now, exposed, strict=True):
             sensor.show(contact, shown, index)
 
     def _read(self, index: int) -> GripObservation | None:
-        """Read the frames of that index, and send one observation on its way."""
+        """Read each finger's frame, and send the controller's observation on its way."""
         self._index = index
         if self._delivery.due[index] < 0:
             self._readings = tuple(Reading(rest=reader.rest) for reader in self._readers)
@@ -380,12 +381,12 @@ class Rig:
 
 
 def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant[Any]:
-    """Body of a scene, with a fingertip in place of the scene's chain."""
+    """Make the plant of a scene; a given fingertip replaces the scene's chain."""
     return _PLANTS[scene.mechanics](scene, fingertip)
 
 
 def _chain_plant(scene: Scene, fingertip: Fingertip | None) -> ChainPlant:
-    """The scene's chain, or another one."""
+    """Make the plant of the scene's chain, or of another one."""
     if scene.build_sensor().shape.flat:
         raise UserError(
             f"sensor {scene.sensor} is a flat pad; the node model that grasps is a dome"

@@ -1,4 +1,4 @@
-"""Running a scene, in memory or into a run folder; and opening one to grip it frame by frame."""
+"""Run a scene, in memory or into a run folder; or open one to grip it frame by frame."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, nullcontext
@@ -20,7 +20,7 @@ from .run_files import RunFiles
 #: Time in which a controller that is not ours must answer [s].
 ANSWER_WITHIN_S = 60.0
 
-#: Called after each frame with the frames done and all frames.
+#: Function called after each frame with the number of frames done and of all frames.
 Progress = Callable[[int, int], None]
 
 
@@ -40,26 +40,28 @@ def run(
 ) -> Result:
     """Run a scene; with `out`, write summary, trace, figure, video and scene into that folder.
 
-    After Ctrl-C or an error of a controller the results up to there are written, marked as not
+    After Ctrl-C or an error of a controller the results so far are written, marked as not
     complete, and the exception is raised.
 
     Parameters
     ----------
-    scene: a Scene, or a name or file as in `load_scene`
-    out: run folder, made if missing
-    overwrite: write into a folder that is not empty, over an earlier run's files
-    progress: called after every frame with the frames done and all frames
-    controller: in place of the scene's: an object with `reset` and `command`, a class or other
-        factory without arguments, or a name
-    tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
-    frames: keep the camera's raw pictures too, in the folder `frames` of `out`; of two fingers in
-        its folders `first` and `second`
+    scene: scene, or its name or file as in `load_scene`
+    out: run folder, made if missing (default: no files are written)
+    overwrite: whether to write into a folder that is not empty, over an earlier run's files
+    progress: function called after every frame with the number of frames done and of all frames
+    controller: controller in place of the scene's: an object with `reset` and `command`, a class or
+        other factory without arguments, or a name
+    tracker, reconstructor, renderer: methods in place of the scene's: a class or other factory, or
+        a name
+    frames: format in which the camera's raw pictures are kept in the folder `frames` of `out`, for
+        two fingers in its folders `first` and `second` (default: they are not kept)
     log: formats in which the run is also written into `out`, for other tools: `mcap`, `rerun`
-    answer_within_s: time in which a controller that is not ours must answer; inf is no limit
+    answer_within_s: time in which a controller that is not ours must answer; inf: no limit (default
+        60) [s]
 
     Returns
     -------
-    Results; those of two fingers have the summary and the trace of a pinch.
+    results; with two fingers, summary and trace are those of a pinch
 
     Raises
     ------
@@ -86,7 +88,7 @@ def run(
 
 
 def _recorded(rig: Rig, files: RunFiles | None, progress: Progress | None, within: float) -> Result:
-    """Run the loop, and write its results however it ends."""
+    """Run the loop, and write its results also after an interruption."""
     record = Record(rig.scene, rig.methods, rig.known[0], files)
     try:
         for sample in gripped(rig, within):
@@ -104,7 +106,7 @@ def check_asked(
     log: Sequence[LogFormat],
     answer_within_s: float,
 ) -> float:
-    """Refuse what no run can do; the time in which a controller must answer [s]."""
+    """Refuse arguments that contradict each other; returns the time limit of a controller [s]."""
     if frames is not None and out is None:
         raise UserError(f"pictures as {frames} need a folder: give `out`")
     if log and out is None:
@@ -129,12 +131,13 @@ def open_rig(
 
     Parameters
     ----------
-    scene: a Scene, or a name or file as in `load_scene`; its controller is not used
-    tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
+    scene: scene, or its name or file as in `load_scene`; its controller is not used
+    tracker, reconstructor, renderer: methods in place of the scene's: a class or other factory, or
+        a name
 
     Returns
     -------
-    The rig.
+    rig before its first `reset`
 
     Raises
     ------

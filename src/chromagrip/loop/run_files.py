@@ -1,6 +1,6 @@
-"""The folder of a run, which an interruption leaves readable.
+"""The folder of a run, which stays readable after an interruption.
 
-Packages that only a folder needs (FFmpeg, Arrow, matplotlib) are imported where one is written.
+Packages that only a folder needs (FFmpeg, Arrow, matplotlib) are imported when it is written.
 """
 
 import json
@@ -35,26 +35,26 @@ FILES = (
     "scene.toml",
     "report.html",
 )
-#: Folder of unfinished files in it.
+#: Folder of unfinished files in a run folder.
 PARTS = ".parts"
-#: Lines of the trace until now, in `PARTS`, for a run that is killed.
+#: File in `PARTS` with the lines of the trace so far, for a run that is killed.
 LINES = "trace.csv"
 
 
 class RunFiles:
     """Files of a run, which get their final names together, once all are written.
 
-    Until then they lie in a folder inside the run folder, with the lines of the trace as text: a
-    run that is killed leaves them. A disk that fills leaves nothing but the scene.
+    Until then they are in a folder inside the run folder, with the lines of the trace as text;
+    they remain there if the run is killed. On a full disk only the scene remains.
 
     Parameters
     ----------
     folder: run folder, made if missing
-    overwrite: remove an earlier run's files
-    scene: that is run
-    frames: how the camera's pictures are kept; None does not keep them
+    overwrite: whether an earlier run's files are removed
+    scene: scene that is run
+    frames: format of the camera's kept pictures (default: they are not kept)
     log: formats of the logs that are written after the other files
-    drawn: whether there are a figure and a video, which need the truth
+    drawn: whether to make figure and video, which need the truth (default: yes)
     """
 
     def __init__(
@@ -108,9 +108,9 @@ class RunFiles:
 
         Parameters
         ----------
-        line: of the trace
-        sample: of the same frame; the video shows it when its next picture is due
-        rig: that stands at the frame; None for a run without pictures
+        line: line of the trace
+        sample: sample of the same frame; the video shows it if its next picture is due
+        rig: rig at that frame; None for a run without pictures
         """
         if self._lines is None:  # writing failed
             return
@@ -137,9 +137,9 @@ class RunFiles:
 
         Parameters
         ----------
-        trace, summary: of the run
-        scene: where it is known at the end only; its files are named relative to the folder
-        said: a line about it
+        trace, summary: results of the run
+        scene: scene that is known only at the end; its files are named relative to the folder
+        said: line about the scene, for its file
         """
         if self._lines is None:  # writing failed before
             return
@@ -154,7 +154,7 @@ class RunFiles:
             _write_results(self._parts, self._scene, trace, summary, self._drawn)
             self._lines.drop()
             parts = sorted(self._parts.iterdir())
-            for part in parts:  # what is called whole outlasts a power cut
+            for part in parts:  # complete files must outlast a power cut
                 sync(part)
             for part in parts:
                 part.replace(self.folder / part.name)
@@ -175,7 +175,7 @@ class RunFiles:
             raise UserError(f"folder {self.folder} cannot be written: {reason}") from None
 
     def _drop(self) -> None:
-        """Remove unfinished files, and the folder where there are no others."""
+        """Remove unfinished files, and the folder if it has no others."""
         self._discard()
         self._held.close()
         leave(self.folder, "scene.toml")
@@ -192,10 +192,10 @@ class RunFiles:
 
 
 def _refuse_killed(folder: Path) -> None:
-    """Refuse a folder of a run that was killed, and say where its trace is."""
+    """Refuse the folder of a run that was killed, and name the file of its trace."""
     lines = folder / PARTS / LINES
     if lines.is_file():
-        with filling(folder):  # one that goes on is named instead
+        with filling(folder):  # a run that still goes on is refused first
             raise UserError(
                 f"folder {folder} holds a run that was killed; its trace until then is {lines}; "
                 "choose another folder or give --overwrite"
@@ -251,6 +251,6 @@ def scene_text(
     said: str = "Everything this run was made from; run it again with --scene.",
     folder: Path | None = None,
 ) -> str:
-    """TOML of a scene with a line about it, and the versions; files are relative to `folder`."""
+    """Write a scene as TOML, after a line about it and the versions; see `dump_scene`."""
     listed = ", ".join(f"{name} {number}" for name, number in versions().items())
     return f"# {said}\n# {listed}\n" + dump_scene(scene, folder)

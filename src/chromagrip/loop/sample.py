@@ -1,4 +1,4 @@
-"""What is known of one frame of a grasp."""
+"""Truth and estimates of one frame of a grasp."""
 
 import math
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ from .pinch.world import Pinched
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """What is true of a frame.
+    """Truth of a frame.
 
     Attributes
     ----------
     now: contact of the only finger, or both fingers and the object that they hold
-    applied: force of the gripper's drive [N]; NaN where the object is moved instead
-    load: lateral load on the object [N]; NaN where the object is moved
+    applied: force of the gripper's drive [N]; NaN if the object is moved instead
+    load: lateral load on the object [N]; NaN if the object is moved instead
     """
 
     now: Contact | Pinched
@@ -38,17 +38,17 @@ class Truth:
 
 @dataclass(frozen=True, kw_only=True)
 class Sample:
-    """What is known of one frame; what is unknown is None.
+    """Truth and estimates of one frame; unknown values are None.
 
     Attributes
     ----------
-    index: of the frame
+    index: number of the frame
     time: instant of the frame [s]
-    readings: of each finger; a controller is given one observation after the latency, with the
-        margin to hold
+    readings: reading of each finger; a controller is given one observation after the latency, with
+        the margin to hold
     grip: force commanded from now on [N]
-    truth: what is true of it
-    smaller: finger whose observation the controller is given
+    truth: truth of the frame
+    smaller: number of the finger whose observation the controller is given
     """
 
     index: int
@@ -65,10 +65,10 @@ class Sample:
         Raises
         ------
         UserError
-            For two fingers, and where the truth is unknown.
+            For two fingers, and if the truth is unknown.
         """
         if self.truth is None or len(self.truth.fingers) > 1:
-            raise UserError("the true contact of one finger is not known of this frame")
+            raise UserError("the true contact of one finger is not known for this frame")
         return self.truth.fingers[0]
 
     @property
@@ -78,27 +78,27 @@ class Sample:
         Raises
         ------
         UserError
-            For one finger, and where the truth is unknown.
+            For one finger, and if the truth is unknown.
         """
         if self.truth is None or len(self.truth.fingers) == 1:
-            raise UserError("the truth of two fingers is not known of this frame")
+            raise UserError("the truth of two fingers is not known for this frame")
         return cast("Pinched", self.truth.now)
 
     @property
     def applied(self) -> float:
-        """Force of the gripper's drive now [N]; NaN where it is unknown."""
+        """Force of the gripper's drive now [N]; NaN if it is unknown."""
         return math.nan if self.truth is None else self.truth.applied
 
     @property
     def load(self) -> float:
-        """Lateral load on the object [N]; NaN where it is unknown."""
+        """Lateral load on the object [N]; NaN if it is unknown."""
         return math.nan if self.truth is None else self.truth.load
 
     @property
     def reasons(self) -> list[str]:
-        """Why fingers have no estimate."""
-        seen = [reading.observation for reading in self.readings]
-        return [each.no_estimate for each in seen if each is not None and each.no_estimate]
+        """Reasons for which fingers have no estimate."""
+        observed = [reading.observation for reading in self.readings]
+        return [each.no_estimate for each in observed if each is not None and each.no_estimate]
 
     @property
     def reading(self) -> Reading:
@@ -107,7 +107,7 @@ class Sample:
         Raises
         ------
         UserError
-            For two fingers, here and in the values below that are those of one.
+            For two fingers; also in the properties below that use it.
         """
         if len(self.readings) > 1:
             raise UserError("this frame has readings of two fingers; use readings[0] and [1]")
@@ -115,12 +115,12 @@ class Sample:
 
     @property
     def observation(self) -> GripObservation | None:
-        """Observation of the only finger, with Γ as its margin; None of a dropped frame."""
+        """Observation of the only finger, with Γ as its margin; None for a dropped frame."""
         return self.reading.observation
 
     @property
     def frame(self) -> Frame | None:
-        """Picture; None on the truth path and of a dropped frame."""
+        """Picture; None on the truth path and for a dropped frame."""
         return self.reading.frame
 
     @property

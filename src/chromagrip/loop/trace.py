@@ -1,4 +1,4 @@
-"""Time series of a run, truth beside estimate, and its summary."""
+"""Time series of a run, with truth and estimates, and its summary."""
 
 import math
 import re
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Trace:
-    """Columns of a run by name, each of one value a frame."""
+    """Columns of a run by name, shape (T,) each."""
 
     columns: dict[str, Array]
 
@@ -32,12 +32,12 @@ class Trace:
         return self.columns[name]
 
     def __len__(self) -> int:
-        """Frames."""
+        """Number of frames."""
         return len(self.columns["time_s"])
 
 
 def word_for_read(path: str) -> str:
-    """What the controller's values are on a path: estimates, or the truth with noise."""
+    """Word for the controller's values on a path: estimates, or the truth with noise."""
     return "estimated" if path == "camera" else "observed"
 
 
@@ -46,24 +46,28 @@ def may_slide(scene: Scene, of: Mapping[str, Array], before: str = "") -> NDArra
 
     Parameters
     ----------
-    scene: that was run
+    scene: scene that was run
     of: columns of its trace
-    before: what stands before the names of a finger's columns
+    before: beginning of the names of a finger's columns
+
+    Returns
+    -------
+    bool, shape (T,)
     """
     smaller = f"{before}limit_margin_low"  # missing in older traces of pinches
-    held = scene.holds_torsion and smaller in of
-    low = of[smaller if held else f"{before}margin_low"]
+    with_torsion = scene.holds_torsion and smaller in of
+    low = of[smaller if with_torsion else f"{before}margin_low"]
     margin = scene.sliding_margin
     return low <= (-np.inf if margin is None else margin)
 
 
 class TraceLines:
-    """Lines of a trace as text while they come, for a run that is killed.
+    """Writes the lines of a trace as text while they come, for a run that is killed.
 
     Parameters
     ----------
-    path: of the file, which gets a line of names first
-    names: of the columns
+    path: path of the file, which begins with a line of names
+    names: names of the columns
     """
 
     def __init__(self, path: Path, names: Iterable[str] = COLUMNS) -> None:
@@ -89,7 +93,7 @@ class TraceLines:
 def make_trace(
     rows: Sequence[float] | Sequence[tuple[float, ...]], names: Iterable[str] = COLUMNS
 ) -> Trace:
-    """Trace of lines, one by one or one after the other."""
+    """Make a trace from its lines, given as tuples or as one flat sequence."""
     columns = list(names)
     values = np.array(rows, dtype=float).reshape(-1, len(columns))
     return Trace(dict(zip(columns, values.T, strict=True)))
@@ -107,16 +111,16 @@ def summarise(
     pose: CameraPose | None = None,
     reasons: Sequence[str] = (),
 ) -> Summary:
-    """Summary of a run of one finger or two; every key is a promise.
+    """Summarise a run of one finger or two; the keys are part of the file format.
 
     Parameters
     ----------
-    scene, trace: that was run, and what was recorded until its end or an interruption
-    seconds: wall-clock time of the loop from the second frame on, without writing anything
-    used: how the first finger's forces were read; None on the truth path
-    pose: of the first finger's camera against the sensor's design; None where no rest frame shows
-        it
-    reasons: why a finger has no estimate of a frame, one for each
+    scene: scene that was run
+    trace: trace until the end of the run or an interruption
+    seconds: wall-clock time of the loop from the second frame on, without writing files [s]
+    used: methods and calibration for the first finger's forces; None on the truth path
+    pose: pose of the first finger's camera against the sensor's design; None if it is unknown
+    reasons: one reason for each missing estimate of a finger
     """
     values: Summary = {
         "controller": scene.controller,
@@ -145,7 +149,7 @@ def summarise(
 
 
 def _of_one(scene: Scene, trace: Trace) -> Summary:
-    """Values of the summary of one finger."""
+    """Values of the summary that belong to one finger."""
     late = trace["margin_true"][trace["time_s"] > scene.duration_s - 0.3 - 1e-9]
     return {
         "final_margin_true": _last(trace["margin_true"]),
@@ -168,7 +172,7 @@ def _of_one(scene: Scene, trace: Trace) -> Summary:
 
 
 def _of_two(scene: Scene, trace: Trace) -> Summary:
-    """Values of the summary of two fingers; a margin is the smaller one."""
+    """Values of the summary that belong to two fingers; a margin is the smaller one."""
     lifted = trace["time_s"] > scene.pinch.lifts_at
     margins, limits = (
         np.stack([trace[f"{before}{name}"] for before in prefixes(scene)])
@@ -202,7 +206,7 @@ _OWN_VALUES: dict[Mechanics, Callable[[Scene, Trace], Summary]] = {
 
 
 def _margin_error(trace: Trace, befores: Sequence[str]) -> float:
-    """RMS error of Γ where it is known and estimated, over the fingers."""
+    """RMS error of Γ over all fingers and the frames in which it is known and estimated."""
     true = np.stack([trace[f"{before}margin_true"] for before in befores])
     estimated = np.stack([trace[f"{before}margin_estimated"] for before in befores])
     error = (estimated - true)[np.isfinite(true) & np.isfinite(estimated)]
@@ -210,13 +214,13 @@ def _margin_error(trace: Trace, befores: Sequence[str]) -> float:
 
 
 def counted_kinds(reasons: Iterable[str]) -> dict[str, int]:
-    """How often sentences occur that differ by numbers alone, the most frequent first."""
+    """Count sentences that differ only by numbers, the most frequent first."""
     kinds = Counter(re.sub(r"\d[\d.]*", "…", reason) for reason in reasons)
     return dict(kinds.most_common())
 
 
 def _reactions(scene: Scene, trace: Trace) -> list[dict[str, float]]:
-    """Steps of the grip with which React To Slip answered a slip."""
+    """Times and displacements at which React To Slip raised the grip after a slip."""
     if scene.controller != "react-to-slip":
         return []
     steps = np.flatnonzero(np.diff(trace["grip_n"]) > 0.9 * scene.react_to_slip.step_n)

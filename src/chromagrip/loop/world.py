@@ -1,7 +1,7 @@
 """The model's side of the loop: a chain, object and drive between two frames.
 
-Three clocks run here. A *step* is a time step of the node model. A *frame* is a whole number of
-steps. The *exposure* of a frame is short or long, and its middle lies some steps before the frame.
+A *step* is a time step of the node model. A *frame* is a whole number of steps. The middle of a
+frame's *exposure* lies some steps before the frame.
 """
 
 import math
@@ -19,7 +19,7 @@ from ..sensing.contact import Contact, chain_contact, follow_chain, of_chain
 Array = NDArray[np.float64]
 Now = TypeVar("Now")
 
-#: Share of itself by which a force may change in a calm frame period.
+#: Largest relative change of a force in a calm frame period.
 CALM_CHANGE = 0.01
 
 
@@ -40,7 +40,7 @@ class Clock:
 
     @classmethod
     def of_scene(cls, scene: Scene) -> Self:
-        """Clock of a scene, whose steps are shortened until a frame is a whole number of them."""
+        """Clock of a scene; its steps are shortened so that a frame is a whole number of them."""
         count = max(1, math.ceil(scene.period * 1e3 / scene.fingertip.step_ms - 1e-9))
         step = scene.period / count
         exposure = round(0.5e-3 * scene.camera.exposure_ms / step)
@@ -104,7 +104,7 @@ class Plant(Protocol[Held]):
         Raises
         ------
         UserError
-            When the body cannot go on.
+            When the model fails.
         """
 
     def changed(self, world: World[Held], scene: Scene) -> World[Held]:
@@ -113,20 +113,22 @@ class Plant(Protocol[Held]):
         Raises
         ------
         UserError
-            For a load along an axis that the object is held in.
+            For a load along an axis on which the object is fixed.
         """
 
 
 def calm(scene: Scene, world: World[Contact], forces: Array, fastest: float) -> bool:
-    """Whether a frame period can be one step, because motion and changes of force are small.
+    """Return True if a frame period can be one step: motion and changes of force are small.
 
-    An implicit step follows slow motion whatever its length. A change of force within it acts
-    at its end.
+    An implicit step of any length follows slow motion. A change of force within it acts at its
+    end.
 
     Parameters
     ----------
+    scene: scene with the speed below which motion is slow
+    world: world before the period
     forces: grip and load of the steps of the period [N], shape (S, 2)
-    fastest: speed of what moves fastest now [m/s]
+    fastest: largest speed in the body now [m/s]
     """
     if fastest >= 1e-6 * scene.fingertip.calm_um_per_s:
         return False
@@ -141,8 +143,10 @@ def drive_forces(
 
     Parameters
     ----------
-    applied: force of the drive before them [N]
-    command: force that it is asked for [N]
+    scene: scene with drive and load
+    clock: clock of the scene
+    applied: force of the drive before the steps [N]
+    command: commanded force [N]
     times: middles of the steps [s]
     """
     actuator, load = scene.actuator, scene.load
@@ -159,8 +163,8 @@ class ChainPlant:
 
     Parameters
     ----------
-    scene: object, load, drive and clock
-    fingertip: that grips
+    scene: scene with object, load, drive and clock
+    fingertip: chain that grips
     """
 
     def __init__(self, scene: Scene, fingertip: Fingertip) -> None:
@@ -175,7 +179,7 @@ class ChainPlant:
         return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
 
     def next_frame(self, world: World[Contact], command: float, index: int) -> World[Contact]:
-        """World at the frame after frame `index`, as `Plant` says."""
+        """World at the frame after frame `index`, see `Plant`."""
         times = index * self.clock.frame + (np.arange(self.clock.steps) + 0.5) * self.clock.step
         applied, forces = drive_forces(
             self.scene, self.clock, world.applied, command, times.tolist()
@@ -188,13 +192,13 @@ class ChainPlant:
         )
 
     def changed(self, world: World[Contact], scene: Scene) -> World[Contact]:
-        """World with the object of another scene, as `Plant` says."""
+        """World with the load and object of another scene, see `Plant`."""
         self.scene = scene
         obj = scene.build_object(world.now.state.time)
         return replace(world, now=replace(world.now, obj=obj))
 
     def _parts(self, world: World[Contact], forces: Array, times: list[float]) -> Iterator[Part]:
-        """Steps of a frame period, with one object each."""
+        """Split the steps of a frame period into parts with one object each."""
         obj, state, _ = of_chain(world.now)
         if self.scene.object.changes:
             for k, time in enumerate(times):
@@ -208,15 +212,15 @@ class ChainPlant:
     def _follow(self, contact: Contact, parts: Iterator[Part]) -> tuple[Contact, Contact]:
         """Contact after the parts, and at the middle of the exposure."""
         todo = list(parts)
-        left = sum(len(part.forces) for part in todo) - self.clock.exposure
+        until = sum(len(part.forces) for part in todo) - self.clock.exposure
         exposed = contact
         for part in todo:
             count = len(part.forces)
-            midway = 0 < left < count
-            kept = (count, left) if midway else (count,)
+            midway = 0 < until < count
+            kept = (count, until) if midway else (count,)
             after = follow_chain(self.fingertip, part.obj, contact, part.step, part.forces, kept)
             contact = after[0]
-            if 0 < left <= count:
+            if 0 < until <= count:
                 exposed = after[-1]
-            left -= count
+            until -= count
         return contact, exposed

@@ -1,1 +1,1 @@
-"""How results are kept: folders, tables, pictures, videos, rows and reports."""
+"""Storage of results: folders, tables, pictures, videos, rows and reports."""

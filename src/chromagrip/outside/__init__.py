@@ -1,1 +1,1 @@
-"""The grip loop outside of the simulation: frames of a camera, and a gripper that takes forces."""
+"""The grip loop outside of the simulation: a real camera's frames and a real gripper."""

@@ -1,4 +1,4 @@
-"""Frames of a source as they come, and a sentence when they stop coming."""
+"""Frames of a source as they come, and a refusal when they stop coming."""
 
 import threading
 from contextlib import suppress
@@ -8,19 +8,19 @@ from ..errors import UserError
 from ..output.pictures import Source
 from ..render import Frame
 
-#: Interval at which a feed that waits looks whether it was closed [s].
+#: Interval at which a waiting feed checks whether it was closed [s].
 _CHECK_S = 0.1
 
 
 class Feed:
     """Frames of a source, read in a thread of their own.
 
-    Of a live camera only the newest frame waits: a loop that is slower than the camera leaves
-    frames out, and does not fall behind. All frames of another source come.
+    A live camera's newest frame replaces the waiting one: a loop that is slower than the camera
+    skips frames, and does not fall behind. No frame of another source is skipped.
 
     Parameters
     ----------
-    source: of the frames
+    source: source of the frames
     limit: time in which the next frame must come [s]
     """
 
@@ -32,12 +32,12 @@ class Feed:
         threading.Thread(target=self._read, daemon=True).start()
 
     def next(self) -> Frame | None:
-        """The next frame; None at the end.
+        """Wait for the next frame; None at the end.
 
         Raises
         ------
         UserError
-            When none comes in time, or the source breaks off.
+            When no frame comes in time, or the source fails.
         """
         try:
             found = self._waiting.get(timeout=min(self.limit, threading.TIMEOUT_MAX))
@@ -52,7 +52,7 @@ class Feed:
         return found
 
     def close(self) -> None:
-        """Read no more."""
+        """Stop reading."""
         self._closed.set()
 
     def _read(self) -> None:

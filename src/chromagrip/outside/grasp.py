@@ -47,26 +47,26 @@ def run_outside(
 ) -> Result:
     """Run a scene's controller on frames from outside; with `out`, write trace and summary.
 
-    However it ends, the results up to there are written, and the grip stays.
+    Also after an interruption or a failure the results so far are written, and the grip stays.
 
     Parameters
     ----------
-    scene: controller, sensor, calibration and length of the run
+    scene: scene with controller, sensor, calibration and length of the run
     source: camera, folder, video or pipe, see `open_source`
-    out: run folder, made if missing
-    gripper: a name, `module:Class`, class, or an object with `command`
-    gripper_arguments: of a class, by name
-    overwrite: write over an earlier run's files
+    out: run folder, made if missing (default: no files are written)
+    gripper: name, `module:Class`, class, or an object with `command` (default `simulated`)
+    gripper_arguments: arguments of a class, by name
+    overwrite: whether to write over an earlier run's files
     fps: rate of frames without times of their own [Hz]
-    frame_within_s, answer_within_s: times in which the next frame must come, and controller and
-        gripper must answer
+    frame_within_s: time in which the next frame must come (default 5) [s]
     log: formats in which the run is also written into `out`, see `loop.run.run`
-    progress: called with the number of frames done, and None
+    answer_within_s: time in which controller and gripper must answer (default 60) [s]
+    progress: function called with the number of frames done, and None
 
     Raises
     ------
     UserError
-        For what cannot be used, and when source, controller or gripper fail.
+        For an argument that cannot be used, and when source, controller or gripper fail.
     """
     scene, methods, known = _checked(scene)
     check_asked(out, None, log, answer_within_s)
@@ -94,14 +94,14 @@ def run_outside(
 
 
 def _checked(scene: Scene) -> tuple[Scene, Methods, SensorCalibration]:
-    """Scene, methods and calibration of a loop on frames from outside."""
+    """Check a scene for frames from outside; returns it with its methods and calibration."""
     need_one_finger(scene, "frames from outside are those of")
     if scene.path != "camera":
         raise UserError('frames from outside are read by the camera path; set path = "camera"')
     scene, methods = choose(scene)
     known = readable(scene, methods)
     if known is None:
-        raise UserError(f"sensor {scene.sensor} is a flat pad; no estimator reads forces off it")
+        raise UserError(f"sensor {scene.sensor} is a flat pad, for which no estimator has forces")
     return scene, methods, known
 
 
@@ -113,25 +113,25 @@ def grasp_outside(
     gripper: HeldGripper,
     answer_within: float,
 ) -> Iterator[Sample]:
-    """Frames of a grasp as they come, until the scene is as long as it says, or the source ends.
+    """Run a grasp on frames as they come, until `duration_s` has passed or the source ends.
 
-    The gripper is told 0 N first, and the first frames are taken as those of the unloaded sensor.
-    After a failure it is told the last safe force again; at the end it is told nothing more.
+    The first command is 0 N, and the first frames must show the unloaded sensor. After a failure
+    the last safe force is commanded again; at the end no further command is sent.
 
     Parameters
     ----------
     scene: controller, sensor, `camera.rest_frames` and `duration_s`; its object is not used
     methods: controller, tracker and reconstructor
     known: calibration of the sensor
-    feed: of the frames
-    gripper: that grips
+    feed: feed of the frames
+    gripper: gripper that is commanded
     answer_within: time in which the controller must answer [s]
 
     Raises
     ------
     UserError
-        When a frame does not come in time or cannot be used, or controller or gripper fail; it
-        says at which force the grip stays.
+        When a frame does not come in time or cannot be used, or controller or gripper fail; the
+        message gives the force at which the grip stays.
     """
     controller = HoldingController(methods.build_controller(scene), scene.controller, answer_within)
     with _holding(gripper):
@@ -156,7 +156,7 @@ def grasp_outside(
 
 @contextmanager
 def _holding(gripper: HeldGripper) -> Iterator[None]:
-    """Tell the gripper the last safe force again, whatever ends the loop too early."""
+    """Command the last safe force again if an error ends the loop."""
     try:
         yield
     except UserError as error:
@@ -171,7 +171,7 @@ def _holding(gripper: HeldGripper) -> Iterator[None]:
 
 
 def _reader(scene: Scene, methods: Methods, known: SensorCalibration, feed: Feed) -> Reader:
-    """Reader that was given the first frames as those of the unloaded sensor."""
+    """Make a reader, with the first frames as those of the unloaded sensor."""
     rest: list[Frame] = []
     for _ in range(scene.camera.rest_frames):
         frame = feed.next()

@@ -1,4 +1,4 @@
-"""Grippers that a loop outside of the simulation commands."""
+"""Grippers for a loop outside of the simulation."""
 
 import math
 from contextlib import suppress
@@ -18,7 +18,7 @@ class Gripper(Protocol):
 
 
 class SimulatedGripper:
-    """Takes every force and grips nothing."""
+    """Accepts every force, without an object."""
 
     def __init__(self) -> None:
         self.force = 0.0
@@ -32,18 +32,18 @@ class SimulatedGripper:
 GRIPPERS = Registry(
     protocol=Gripper,
     package=__package__,
-    entries={"simulated": (".gripper:SimulatedGripper", "takes every force and grips nothing")},
+    entries={"simulated": (".gripper:SimulatedGripper", "accepts every force, without an object")},
 )
 
 
 class HeldGripper:
-    """A gripper whose failure is one sentence, and which is told the last safe force again.
+    """A gripper whose failure is one sentence, and that can repeat its last safe force.
 
     Parameters
     ----------
-    gripper: that grips
-    name: of it, for messages
-    limit: time in which it must take a force [s]
+    gripper: gripper that is commanded
+    name: name of the gripper in messages
+    limit: time in which it must accept a force [s]
     """
 
     def __init__(self, gripper: Gripper, name: str, limit: float) -> None:
@@ -56,7 +56,7 @@ class HeldGripper:
 
         Parameters
         ----------
-        force: from now on [N]
+        force: force from now on [N]
         place: instant, for messages
 
         Raises
@@ -77,7 +77,7 @@ class HeldGripper:
         self.force = force
 
     def hold(self) -> None:
-        """Command the last force that it took once more, if it still answers."""
+        """Command the last accepted force again, if the gripper still answers."""
         if math.isfinite(self.force):
             with suppress(Exception):
                 self._limit.call(self._gripper.command, self.force)

@@ -1,4 +1,4 @@
-"""The gripper's drive between a command and the force that it exerts, as a scene has it."""
+"""A scene's model of the gripper's drive, between a command and the force that it exerts."""
 
 import math
 
@@ -11,9 +11,9 @@ class ActuatorSettings(Table, frozen=True):
 
     Attributes
     ----------
-    lag_ms: time constant of the force, first order
-    rate_n_per_s: fastest change of the force
-    resolution_n: commands are rounded to its multiples; 0 is off
+    lag_ms: time constant of the first-order lag of the force [ms]
+    rate_n_per_s: fastest change of the force [N/s]; inf: unlimited
+    resolution_n: step to whose multiples commands are rounded [N]; 0: no rounding
     """
 
     lag_ms: NotNegative = 0.0
@@ -27,7 +27,7 @@ class ActuatorSettings(Table, frozen=True):
             )
 
     def rounded(self, command: float) -> float:
-        """Command, rounded to the resolution [N]."""
+        """Round a command to the resolution [N]."""
         if self.resolution_n == 0.0:
             return command
         return self.resolution_n * round(command / self.resolution_n)
@@ -35,12 +35,12 @@ class ActuatorSettings(Table, frozen=True):
     def follow(self, force: float, command: float, dt: float) -> float:
         """Force after `dt` seconds under a constant command, exactly: df/dt = (command − f)/lag.
 
-        The force changes at the fastest rate as long as that law would be faster.
+        The force changes at the fastest rate while that law would be faster.
 
         Parameters
         ----------
-        force: at the start [N]
-        command: rounded, constant [N]
+        force: force at the start [N]
+        command: rounded command, constant [N]
         dt: time [s]
         """
         lag = 1e-3 * self.lag_ms
@@ -50,5 +50,5 @@ class ActuatorSettings(Table, frozen=True):
         straight = max(error - near, 0.0) / self.rate_n_per_s
         if dt <= straight:
             return force + math.copysign(self.rate_n_per_s * dt, command - force)
-        left = min(error, near) * math.exp((straight - dt) / lag) if lag > 0.0 else 0.0
-        return command - math.copysign(left, command - force)
+        remaining = min(error, near) * math.exp((straight - dt) / lag) if lag > 0.0 else 0.0
+        return command - math.copysign(remaining, command - force)

@@ -1,4 +1,4 @@
-"""Controllers by name; the settings of each of ours are the table of that name in a scene."""
+"""Controllers by name; each of ours is set by the scene's table of that name."""
 
 from ..by_name import Registry
 from ..control import Controller

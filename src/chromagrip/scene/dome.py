@@ -1,4 +1,4 @@
-"""The silicone of a scene's body `dome`: what it changes of the sensor's own."""
+"""The silicone of a scene's body `dome`: changes to the silicone of the sensor's design."""
 
 from dataclasses import replace
 from typing import Annotated, Any
@@ -11,15 +11,15 @@ from ..strict_toml import NotNegative, Table
 
 
 class DomeSettings(Table, frozen=True):
-    """Silicone of the body `dome`; 0 is what the sensor's design says.
+    """Silicone of the body `dome`; 0 keeps the value of the sensor's design.
 
     Attributes
     ----------
     pitch_mm: distance between neighbouring nodes of the skin [mm]
     young_kpa: Young's modulus of the silicone [kPa]
-    poisson: its Poisson's ratio
-    thickness_mm: of the silicone on the rigid core or base [mm]
-    relaxation_ms: time constant of its viscosity [ms]; 0 is elastic
+    poisson: Poisson's ratio of the silicone
+    thickness_mm: thickness of the silicone on the rigid core or base [mm]
+    relaxation_ms: time constant of its viscosity [ms]
     stiffening: whether it stiffens as it is pressed towards the core
     """
 
@@ -31,12 +31,12 @@ class DomeSettings(Table, frozen=True):
     stiffening: bool = True
 
     def changed(self, dome: SoftBody) -> SoftBody:
-        """A design's body with these changes.
+        """Apply these changes to a design's body.
 
         Raises
         ------
         UserError
-            When they make none.
+            For changes that do not make a valid body.
         """
         changes: dict[str, Any] = {
             "pitch": 1e-3 * self.pitch_mm,

@@ -7,12 +7,12 @@ from ..model.pinch import Pinch
 from .pinch import PinchSettings
 from .scene import Scene
 
-#: What the seed of the second finger's camera is more than the scene's.
+#: Difference between the seed of the second finger's camera and the scene's.
 _SECOND_SEED = 7_919
 
 
 def fingers(scene: Scene) -> tuple[Scene, ...]:
-    """Scene as each of one or two fingers has it: with its own sensor and seed."""
+    """Split a scene into a one-finger scene for each finger, with its own sensor and seed."""
     single = msgspec.structs.replace(scene, fingers=1, pinch=PinchSettings())
     second = msgspec.structs.replace(
         single,
@@ -23,13 +23,13 @@ def fingers(scene: Scene) -> tuple[Scene, ...]:
 
 
 def need_one_finger(scene: Scene, what: str) -> None:
-    """Refuse a scene of two fingers for what knows one only, such as "the live page shows"."""
+    """Refuse a scene of two fingers; `what` begins the sentence, as in "the live page shows"."""
     if scene.fingers > 1:
         raise UserError(f"{what} one finger; this scene is a pinch of two")
 
 
 def build_pinch(scene: Scene) -> Pinch:
-    """Both fingertips of a pinch, and what they hold.
+    """Build both fingertips of a pinch and the object that they hold.
 
     Raises
     ------

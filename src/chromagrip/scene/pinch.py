@@ -1,4 +1,4 @@
-"""What two fingers hold, and the path of the hand."""
+"""Table of a scene with two fingers: the object that they hold, and the path of the hand."""
 
 import math
 from dataclasses import replace
@@ -23,23 +23,23 @@ class PinchSettings(Table, frozen=True):
 
     Attributes
     ----------
-    mass_g: of the object [g]; above 0
+    mass_g: mass of the object [g]; above 0
     centre_mm: centre of mass in the object's own frame [mm]
-    inertia_g_mm2: moments of inertia about it, along the object's axes [g·mm²]; empty are those of
-        a homogeneous box as large as the object
-    fill_times_s: knots of what is added to the object [s]; empty is nothing
-    fill_g: mass that has been added at each knot [g]
-    second_sensor: design of the second finger; empty is that of the first
-    hand_times_s: knots of the hand's path [s]; empty stays where it is
+    inertia_g_mm2: moments of inertia about the centre of mass, along the object's axes [g·mm²];
+        empty: those of a homogeneous box as large as the object
+    fill_times_s: knots of the mass added to the object [s]; empty: no mass is added
+    fill_g: mass added up to each knot [g]
+    second_sensor: design of the second finger; empty: that of the first
+    hand_times_s: knots of the hand's path [s]; empty: the hand stays in place
     hand_mm: place of the hand at each knot [mm]
-    hand_turns_deg: rotation vector of the hand at each knot [°]; empty is not turned
-    shake_mm, shake_hz: amplitude [mm] and frequency of a sine on the hand's place
-    shake_s: start and end of that sine [s]; empty is none
+    hand_turns_deg: rotation vector of the hand at each knot [°]; empty: it does not turn
+    shake_mm, shake_hz: amplitude [mm] and frequency [Hz] of a sine added to the hand's place
+    shake_s: start and end of that sine [s]; empty: no sine
     table: whether the object stands on a table until it is lifted
-    closing_n_s_per_m: damper of each finger's way as the drive closes it [N·s/m]
-    dropped_mm: slide in the hand from which on an object counts as dropped [mm]
-    turned_deg: turn about z, without the elastic twist, from which on it counts as turned [°]
-    crushed_kpa: mean pressure of a contact that crushes it [kPa]; 0 is none
+    closing_n_s_per_m: damper of each finger's motion as the drive closes it [N·s/m]
+    dropped_mm: slide in the hand at which the object counts as dropped [mm]
+    turned_deg: turn about z, without the elastic twist, at which it counts as turned [°]
+    crushed_kpa: mean contact pressure at which it counts as crushed [kPa]; 0: never
     """
 
     mass_g: NotNegative = 0.0
@@ -81,7 +81,7 @@ class PinchSettings(Table, frozen=True):
 
     @property
     def limits(self) -> Limits:
-        """What counts as dropped, turned and crushed."""
+        """Limits at which the object counts as dropped, turned or crushed."""
         return Limits(
             slide=1e-3 * self.dropped_mm,
             turn=math.radians(self.turned_deg),
@@ -90,17 +90,17 @@ class PinchSettings(Table, frozen=True):
 
     @property
     def lifts_at(self) -> float:
-        """Time at which the hand begins to move, after a first knot at rest [s]; 0 without one."""
+        """Time at which the hand begins to move [s]; 0 if it never moves."""
         moves = [a != b for a, b in zip(self.hand_mm[:-1], self.hand_mm[1:], strict=True)]
         return self.hand_times_s[moves.index(True)] if True in moves else 0.0
 
     def build_hand(self) -> HandPath:
-        """Path of the hand.
+        """Build the path of the hand.
 
         Raises
         ------
         UserError
-            For times that do not increase from 0, and too short a shake.
+            For times that do not increase from 0, and for a shake that is too short.
         """
         shake = None
         if self.shake_s:
@@ -120,7 +120,7 @@ class PinchSettings(Table, frozen=True):
         )
 
     def build_filling(self) -> Filling | None:
-        """What is added to the object over time; None is nothing.
+        """Build the mass added to the object over time; None if no mass is added.
 
         Raises
         ------
@@ -132,16 +132,16 @@ class PinchSettings(Table, frozen=True):
         return Filling(times=self.fill_times_s, masses=tuple(1e-3 * each for each in self.fill_g))
 
     def build(self, first: SoftBody, second: SoftBody, solid: Solid, held: ObjectSettings) -> Pinch:
-        """Both fingertips and the object between them.
+        """Build the pinch: both fingertips and the object between them.
 
         Raises
         ------
         UserError
-            For an object without an end.
+            For an object of infinite size.
         """
         if not np.isfinite(solid.shape.bounds).all():
             raise UserError(
-                f"pinch: two fingers hold an object with an end, not a {solid.shape.name}; set "
+                f"pinch: two fingers hold an object of finite size, not a {solid.shape.name}; set "
                 "object.shape or object.radius_mm"
             )
         x, y, z = np.ptp(solid.shape.bounds, axis=0).tolist()

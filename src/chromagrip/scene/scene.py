@@ -1,4 +1,4 @@
-"""Scenes: everything that defines a run, read strictly from TOML; keys name their units."""
+"""Scenes, which define runs; they are read strictly from TOML, and keys name their units."""
 
 import math
 import os
@@ -51,15 +51,15 @@ from .shapes import PROFILE_KEYS, SHAPE_KEYS, build_shape
 GRIP_KEYS = ("force_n", "start_n", "step_n", "feedforward_n", "floor_n", "ceiling_n")
 
 PathName = Literal["camera", "truth"]
-#: Margin that a controller holds: the smaller of both, or Γ, which knows friction alone.
+#: Margin that a controller holds: the smaller of Γ and the one with torsion, or Γ alone.
 HeldMargin = Literal["smaller", "friction"]
-#: What the fingertip is: the thesis's chain of nodes, a slice, or silicone in three dimensions.
+#: Body of the fingertip: the thesis's chain of nodes, a slice, or silicone in three dimensions.
 Body = Literal["chain", "dome"]
-#: What an object is gripped with: one finger with such a body, or two domes.
+#: Mechanics of a grasp: one finger with such a body, or two domes.
 Mechanics = Literal["chain", "dome", "pinch"]
 
-#: Keys that a scene cannot set: for each body those of the other, for a number of fingers those of
-#: the other number; with why.
+#: Keys that a scene cannot set, with the reason: for each body those of the other body, for each
+#: number of fingers those of the other number.
 _CHAIN_ONLY = {"fingertip": ("model", "nodes"), "object": PROFILE_KEYS}
 _DOME_ONLY = {
     "": ("held_margin",),
@@ -85,23 +85,29 @@ _NOT_WRITTEN: dict[Mechanics, tuple[str, ...]] = {
 
 
 class Scene(Table, frozen=True):
-    """Everything that defines a run.
+    """Settings that define a run.
 
     Attributes
     ----------
-    description: one line for lists
+    description: one line for lists of scenes
     duration_s: length of the run [s]
-    seed: of all random numbers
-    controller: name in `CONTROLLERS`, of an entry point, or `module:Class`
-    controller_arguments: of a `module:Class`, by name; ours have a table of settings each
-    path: `camera` estimates forces from rendered frames, `truth` reads them off the body
-    fingers: 1 presses an object under a load; 2 hold one with a weight between them, see `pinch`
+    seed: seed of all random numbers
+    controller: name in `CONTROLLERS` or of an entry point, or `module:Class`
+    controller_arguments: arguments of a `module:Class`, by name; ours have a table each
+    path: `camera` estimates forces from rendered frames, `truth` takes them from the body
+    fingers: number of fingers: 1 presses an object under a load, 2 hold one with a weight, see
+        `pinch`
     body: `chain`, the thesis's node model, or `dome`, silicone in three dimensions
-    renderer, sensor: by name; a sensor may be a file too
-    calibration: file of the sensor's calibration; empty for a sensor as designed
-    tracker, reconstructor: by name; how markers are followed and how forces are estimated
+    renderer: name of the renderer
+    sensor: name or file of the sensor's design
+    calibration: file of the sensor's calibration; empty: calibration of the design
+    tracker: name of the tracker, which follows the markers
+    reconstructor: name of the reconstructor, which estimates the forces
     held_margin: margin that the controller holds on a dome: the `smaller` of Γ and the one with
         torsion, or that of `friction` alone, which is Γ
+    object, load, fingertip, dome, pinch, camera, actuator, truth, defects: tables of settings
+    safety_margin, margin_inversion, limit_surface, react_to_slip, conservative: tables of the
+        controllers' settings
     """
 
     description: str = ""
@@ -153,12 +159,12 @@ class Scene(Table, frozen=True):
         ]()
 
     def _refuse_keys(self, tables: Mapping[str, tuple[str, ...]], why: str) -> None:
-        """Refuse keys of tables that differ from the usual value."""
+        """Refuse keys of tables that differ from the default."""
         for table, keys in tables.items():
             settings: Any = getattr(self, table) if table else self
-            usual = dict(zip(settings.__struct_fields__, _defaults(type(settings)), strict=True))
+            default = dict(zip(settings.__struct_fields__, _defaults(type(settings)), strict=True))
             for key in keys:
-                if (value := getattr(settings, key)) != usual[key]:
+                if (value := getattr(settings, key)) != default[key]:
                     name = f"{table}.{key}" if table else key
                     raise UserError(f"{name} = {value!r} {why}")
 
@@ -186,7 +192,7 @@ class Scene(Table, frozen=True):
         self.pinch.build(dome, dome, self.build_solid(), self.object)
 
     def _check_times(self) -> None:
-        """Refuse frames, exposures, latencies and steps that do not fit each other."""
+        """Refuse frames, exposures, latencies and steps that contradict each other."""
         camera, period_ms = self.camera, 1e3 * self.period
         if self.frames < 2:
             raise UserError(
@@ -225,13 +231,13 @@ class Scene(Table, frozen=True):
 
     @property
     def mechanics(self) -> Mechanics:
-        """What the object is gripped with."""
+        """Mechanics of the grasp: `chain`, `dome`, or `pinch` for two fingers."""
         return "pinch" if self.fingers == 2 else self.body
 
     @property
     def holds_torsion(self) -> bool:
-        """Whether the controller holds the margin with torsion where it is the smaller one."""
-        return self.held_margin == "smaller" and self.body != "chain"  # which has no torsion
+        """True if the controller holds the margin with torsion while it is the smaller one."""
+        return self.held_margin == "smaller" and self.body != "chain"  # a chain has no torsion
 
     @property
     def last_change(self) -> float:
@@ -246,29 +252,29 @@ class Scene(Table, frozen=True):
 
     @property
     def frames(self) -> int:
-        """Frames of the run, the first at time 0."""
+        """Number of frames of the run, the first at time 0."""
         return math.floor(self.duration_s * self.camera.rate_hz + 1e-9) + 1
 
     @property
     def target_margin(self) -> float | None:
-        """Safety margin that the controller aims at; None where it has no such setting."""
+        """Safety margin that the controller aims at; None if it has no such setting."""
         settings = getattr(self, self._settings_name, None)
         target: float | None = getattr(settings, "desired_margin", None)
         return target
 
     @property
     def sliding_margin(self) -> float | None:
-        """Γ down to which an interval must reach for sliding to be possible; None: not asked."""
+        """Γ that the lower end of the interval must exceed to exclude sliding; None: no check."""
         settings = getattr(self, self._settings_name, None)
         first = getattr(settings, "grip_first", None)
         return None if first is None or self.path != "camera" else float(first.sliding_margin)
 
     def build_sensor(self) -> SensorDesign:
-        """The sensor's design."""
+        """Load the sensor's design."""
         return load_sensor(self.sensor)
 
     def build_fingertip(self) -> Fingertip:
-        """The model's fingertip, as large as the sensor's dome."""
+        """Build the chain's fingertip, as large as the sensor's dome."""
         return Fingertip.of_radius(
             self.build_sensor().shape.radius,
             nodes=self.fingertip.nodes,
@@ -276,7 +282,7 @@ class Scene(Table, frozen=True):
         )
 
     def build_object(self, time: float = 0.0) -> ContactObject:
-        """The model's object, as it is at `time` [s]."""
+        """Build the chain's object as it is at `time` [s]."""
         settings = self.object
         places = zip(settings.friction_places_mm, settings.friction_factors, strict=True)
         return ContactObject(
@@ -292,24 +298,24 @@ class Scene(Table, frozen=True):
         )
 
     def build_body(self) -> Fingertip | SoftBody:
-        """Body of the fingertip, whatever it is."""
+        """Build the body of the fingertip: chain or silicone."""
         builds = {"chain": self.build_fingertip, "dome": self.build_dome}
         return builds[self.body]()
 
     def build_dome(self) -> SoftBody:
-        """Body of the fingertip, where it is a dome.
+        """Build the silicone of the fingertip.
 
         Raises
         ------
         UserError
-            For a sensor without silicone, and for changes that make no dome.
+            For a sensor without silicone, and for changes that do not make a valid dome.
         """
         with located(f"sensor {self.sensor}"):
             dome = self.build_sensor().dome
         return self.dome.changed(dome)
 
     def build_solid(self, time: float = 0.0) -> Solid:
-        """The object on a dome, as it is at `time` [s]."""
+        """Build the dome's object as it is at `time` [s]."""
         settings = self.object
         return Solid(
             shape=build_shape(settings),
@@ -320,7 +326,7 @@ class Scene(Table, frozen=True):
         )
 
     def build_controller(self) -> Controller:
-        """The controller that the scene names.
+        """Build the controller that the scene names.
 
         Raises
         ------
@@ -335,12 +341,12 @@ class Scene(Table, frozen=True):
 
     @property
     def _settings_name(self) -> str:
-        """Table of the controller's settings, when it is one of ours."""
+        """Name of the table of the controller's settings, for one of ours."""
         return self.controller.replace("-", "_")
 
 
 def _defaults(table: type[Table]) -> tuple[Any, ...]:
-    """Usual values of the keys of a table, in order."""
+    """Default values of the keys of a table, in order."""
     return tuple(field.default for field in msgspec.structs.fields(table))
 
 
@@ -359,19 +365,19 @@ def load_scene(
     *,
     allow: Collection[str] = (),
 ) -> Scene:
-    """Scene of that name, or from a TOML file, with some values changed.
+    """Load a scene by name or from a TOML file, with some values changed.
 
     Parameters
     ----------
-    name: a shipped scene, or the path of a file that ends in `.toml`
-    changes: dotted key → new value, `{"object.friction": 0.3}`
-    allow: modules that a `module:Class` in the file may be imported from; any other is shown, and
-        refused where it would be imported
+    name: name of a shipped scene, or path of a file that ends in `.toml`
+    changes: dotted key → new value, such as `{"object.friction": 0.3}`
+    allow: modules from which a `module:Class` in the file may be imported; any other is shown, but
+        refused when it would be imported
 
     Raises
     ------
     UserError
-        With the key, the value and what is allowed.
+        For a value that is not allowed, with the key, the value and what is allowed.
     """
     if name in scene_names():
         path = Path(str(files(__package__) / "library" / f"{name}.toml"))
@@ -384,9 +390,9 @@ def load_scene(
     values = with_allowed(read_toml(path, f"scene file {name}"), allow)
     # Files in a scene file are relative to it, those on the command line to the working folder.
     _locate_files(values, Path(name).parent)
-    held = values.get("pinch")
-    if "fingers" not in values and isinstance(held, dict) and held.get("mass_g"):
-        values["fingers"] = 2  # a file from before the key
+    pinch = values.get("pinch")
+    if "fingers" not in values and isinstance(pinch, dict) and pinch.get("mass_g"):
+        values["fingers"] = 2  # older files have no such key
     for key, value in (changes or {}).items():
         _put(values, key, value)
     _locate_files(values, Path())
@@ -394,20 +400,20 @@ def load_scene(
 
 
 def _locate_files(values: Values, folder: Path) -> None:
-    """Make the names of files absolute."""
+    """Make the paths of files absolute."""
     for key in ("sensor", "calibration"):
         name = values.get(key)
         if isinstance(name, str) and name.endswith(".toml"):
             values[key] = str((folder / name).absolute())
-    held = values.get("object")
-    if isinstance(held, dict) and isinstance(held.get("mesh"), str) and held["mesh"]:
-        held["mesh"] = str((folder / held["mesh"]).absolute())
+    obj = values.get("object")
+    if isinstance(obj, dict) and isinstance(obj.get("mesh"), str) and obj["mesh"]:
+        obj["mesh"] = str((folder / obj["mesh"]).absolute())
 
 
 def parse_scene(values: Values, name: str) -> Scene:
-    """Scene from plain values; `name` is used in messages.
+    """Build a scene from plain values; `name` is used in messages.
 
-    Defects that the values do not set are those of the sensor's specimens.
+    Defects that are not in the values are those of the sensor's design.
     """
     scene = convert(values, Scene, f"scene {name}")
     built = scene.build_sensor().defects
@@ -418,7 +424,7 @@ def parse_scene(values: Values, name: str) -> Scene:
 
 
 def dump_scene(scene: Scene, folder: Path | None = None) -> str:
-    """TOML text of a scene with all defaults; names of files are relative to `folder`."""
+    """Write a scene as TOML with all defaults; paths of files are relative to `folder`."""
     values = msgspec.to_builtins(scene)
     if not scene.controller_arguments:
         del values["controller_arguments"]
@@ -432,14 +438,14 @@ def dump_scene(scene: Scene, folder: Path | None = None) -> str:
 
 
 def seen_from(folder: Path, sensor: str) -> str:
-    """Name of a sensor, relative to a folder when it is a file."""
+    """Name of a sensor; path relative to a folder if it is a file."""
     if not sensor.endswith(".toml"):
         return sensor
     return relative(sensor, folder)
 
 
 def relative(file: str, folder: Path) -> str:
-    """Name of a file relative to a folder."""
+    """Path of a file relative to a folder."""
     return Path(os.path.relpath(file, folder)).as_posix()
 
 
@@ -450,7 +456,7 @@ def grasp_command(scene: str, changes: Mapping[str, Any]) -> str:
 
 
 def parse_change(text: str) -> tuple[str, Any]:
-    """Key and value of `key=value`; the value is TOML, or text without quotes."""
+    """Parse `key=value`; the value is TOML, or text without quotes."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise UserError(f"--set {text}: expected key=value, such as object.friction=0.3")

@@ -35,26 +35,26 @@ class ObjectSettings(Table, frozen=True):
     Attributes
     ----------
     stiffness_kpa: Young's modulus at the start [kPa]
-    friction: coefficient µ
-    friction_times_s, frictions: from each of these times on [s], this µ instead of `friction`
+    friction: friction coefficient µ
+    friction_times_s, frictions: times [s] and the µ that replaces `friction` from each of them on
     friction_places_mm, friction_factors: places along the surface [mm] and factors on µ there;
-        linear between the places, constant beyond them
-    creeps, creep_s: the object's compliance rises by this share, with this time constant [s]
-    radius_mm: of the surface [mm]; inf is flat, negative is hollow
-    profile_mm: points (x, z) of the surface [mm], z into the object; empty is flat or round
-    surface: when the object slides, its surface `travels` with it; or it `stays` and only friction
-        follows the object
-    dahl_stiffness_n_per_m, dahl_exponent: bristle stiffness of a node [N/m], and exponent, of the
+        linear between the places, constant outside them
+    creeps, creep_s: share by which the object's compliance rises, and its time constant [s]
+    radius_mm: radius of the surface [mm]; inf: flat, negative: hollow
+    profile_mm: points (x, z) of the surface [mm], z into the object; empty: flat or round
+    surface: surface of a sliding object: it `travels` with the object, or it `stays` and only
+        friction follows the object
+    dahl_stiffness_n_per_m, dahl_exponent: bristle stiffness of a node [N/m] and exponent of the
         Dahl law
     drag_n_s_per_m: damper from the object to ground [N·s/m]
-    shape: of the object on a dome; a `ball` has `radius_mm`, the others `size_mm`
+    shape: shape of the object on a dome; a `ball` has `radius_mm`, the others `size_mm`
     size_mm: lengths of the shape, see `SIZES` [mm]
     rounding_mm: radius of the shape's edges [mm]
     mesh: file of triangles, in place of the shape
     mesh_unit_mm: length of a unit of that file [mm]
-    mesh_cells: cells of the mesh's grid along its longest side
+    mesh_cells: number of cells of the mesh's grid along its longest side
     turned_deg: rotation vector of the object, in the sensor's axes [°]
-    beside_mm: place of the object's origin beside the apex, along x and y [mm]
+    beside_mm: offset of the object's origin from the apex, along x and y [mm]
     """
 
     stiffness_kpa: Positive = 200.0
@@ -87,7 +87,7 @@ class ObjectSettings(Table, frozen=True):
                 "than 1e9 unless it is inf"
             )
         if self.profile_mm and self.radius_mm != math.inf:
-            raise UserError("radius_mm must be inf beside profile_mm")
+            raise UserError("radius_mm must be inf with profile_mm")
         _check_knots("friction_times_s", self.friction_times_s, "frictions", self.frictions)
         places, factors = self.friction_places_mm, self.friction_factors
         _check_knots("friction_places_mm", places, "friction_factors", factors)
@@ -102,14 +102,14 @@ class ObjectSettings(Table, frozen=True):
             )
         if self.radius_mm != math.inf and (self.mesh or self.shape != "ball"):
             what = "mesh" if self.mesh else f"shape = {self.shape}"
-            raise UserError(f"radius_mm is of a ball; it must be inf beside {what}")
+            raise UserError(f"radius_mm is for a ball; it must be inf with {what}")
         if len(sizes) != len(names):
-            wanted = f"[{', '.join(names)}]" if names else "empty, its size is radius_mm"
-            raise UserError(f"size_mm of a {self.shape} must be {wanted}, got {list(sizes)}")
+            allowed = f"[{', '.join(names)}]" if names else "empty, its size is radius_mm"
+            raise UserError(f"size_mm of a {self.shape} must be {allowed}, got {list(sizes)}")
 
     @property
     def changes(self) -> bool:
-        """Whether friction or stiffness change with time."""
+        """True if friction or stiffness change with time."""
         return bool(self.friction_times_s) or self.creeps > 0.0
 
     def friction_at(self, time: float) -> float:
@@ -122,15 +122,15 @@ class ObjectSettings(Table, frozen=True):
 
 
 class LoadSettings(Table, frozen=True):
-    """Lateral load on the object; there is none before the first of its times.
+    """Lateral load on the object; it is 0 before the first of its times.
 
     Attributes
     ----------
-    times_s, forces_n: load [N] at each of these times [s]
-    interpolation: `hold` keeps each force until the next time; `linear` goes straight to the next
+    times_s, forces_n: times [s] and load along x at each of them [N]
+    interpolation: `hold` keeps each force until the next time, `linear` interpolates
     sine_n, sine_hz: amplitude [N] and frequency [Hz] of a sine that is added from the first time on
-    sideways_n: load across `forces_n`, along y, at each time [N]; empty is none
-    twists_nmm: torque about the contact's normal, z, at each time [N·mm]; empty is none
+    sideways_n: load along y at each time [N]; empty: no such load
+    twists_nmm: torque about the contact's normal, z, at each time [N·mm]; empty: no torque
     """
 
     times_s: tuple[NotNegative, ...] = LOAD_TIMES_S
@@ -183,7 +183,7 @@ def _check_knots(
 
 
 def _held(times: tuple[float, ...], values: tuple[float, ...], time: float, before: float) -> float:
-    """Value at the last of the times up to `time`, or `before` when there is none."""
+    """Value at the last of the times up to `time`; `before` if all times are later."""
     past = [value for t, value in zip(times, values, strict=True) if t <= time]
     return past[-1] if past else before
 
@@ -196,8 +196,8 @@ class FingertipSettings(Table, frozen=True):
     model: force law of the springs; see `Fingertip.law`
     nodes: number of nodes, odd
     step_ms: longest step [ms]; a frame period is a whole number of steps
-    calm_um_per_s: a frame period is one step while every node is slower than this [µm/s], and grip
-        and load change by less than a hundredth; 0 is off
+    calm_um_per_s: speed of the nodes below which a frame period is one step, if grip and load also
+        change by less than a hundredth [µm/s]; 0: never
     """
 
     model: SpringLaw = "split"
@@ -207,19 +207,19 @@ class FingertipSettings(Table, frozen=True):
 
 
 class CameraSettings(Table, frozen=True):
-    """Times and noise of the camera's frames.
+    """Timing and noise of the camera's frames.
 
     Attributes
     ----------
     rate_hz: frames per second [Hz]
-    latency_frames: frames between a frame and the command that answers it
+    latency_frames: number of frames between a frame and the command that answers it
     exposure_ms: length of the exposure [ms], which ends at the frame's instant; the frame shows its
         middle. `defects.motion_blur` is an exposure that also blurs
-    dropped: share of frames that never reach the controller; the grip holds
-    late: share of frames that reach it one frame later than the latency
-    friction_bias: error of the estimated µ, and of Γ with it, as a wrong calibration makes
+    dropped: share of frames that never reach the controller; the grip is then held
+    late: share of frames that reach the controller one frame later than the latency
+    friction_bias: error added to the estimated µ, and so to Γ, such as from a wrong calibration
     noise_levels: standard deviation of a pixel [grey levels]
-    rest_frames: frames of the unloaded sensor before the run
+    rest_frames: number of frames of the unloaded sensor before the run
     """
 
     rate_hz: Annotated[float, Meta(gt=0.0, le=1e5)] = 100.0

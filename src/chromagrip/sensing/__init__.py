@@ -1,1 +1,1 @@
-"""A sensor and a reader: a pose or a force in, its picture out; a picture in, forces out."""
+"""A sensor (pose or force in, picture out) and a reader (picture in, forces out)."""

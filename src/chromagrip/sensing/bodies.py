@@ -1,7 +1,7 @@
 """Bodies of a sensor: the node model's chain, and silicone as a dome or a pad.
 
-Each holds one object, and moves it to a pose or under forces. What a body cannot do is in its
-`ability`, and is refused in one sentence.
+Each touches one object, and moves it to a pose or under forces. `ability` lists what a body can
+do; the rest is refused in one sentence.
 """
 
 import math
@@ -53,28 +53,28 @@ BodyName = Literal["chain", "dome", "pad"]
 
 #: Longest step of the node model [s].
 CHAIN_STEP = 1e-3
-#: Longest step of silicone: motion [m], turn [rad] and time under forces [s] of the object, and
-#: the most steps of one update: an object that jumps elsewhere leaves no path of friction.
+#: Longest step of silicone: motion [m], turn [rad] and time under forces [s] of the object; and
+#: the most steps of one update: an object that moves farther is placed without friction on its way.
 WAY, TURN, TIME, MOST = 0.1e-3, math.radians(3.0), 2e-3, 40
-#: Depths in the body at which is looked whether an object is inside.
+#: Number of depths in the body at which an object is checked for being inside.
 LOOKS = 12
 #: Dampers between the object and ground under forces, as in a grasp: along z and across [N·s/m].
 PRESS_DRAG, DRAG = 25.2, 120.0
 
 
-#: Largest coordinate of an object [m]: millimetres that are given as metres are refused.
+#: Largest coordinate of an object [m], so that millimetres given as metres are refused.
 FARTHEST = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pose:
-    """Where an object is, in the sensor's frame.
+    """Pose of an object in the sensor's frame.
 
     Attributes
     ----------
-    place: of the object's origin [m], shape (3,); that of a chain's object is the point of its
-        surface that touches the apex first
-    turn: quaternion (w, x, y, z)
+    place: place of the object's origin [m], shape (3,); the origin of a chain's object is the point
+        of its surface that touches the apex first
+    turn: rotation as a quaternion (w, x, y, z)
     """
 
     place: tuple[float, float, float]
@@ -86,7 +86,8 @@ class Pose:
             object.__setattr__(self, name, tuple(values.tolist()))
         if (far := max(map(abs, self.place))) > FARTHEST:
             raise UserError(
-                f"place of a pose is {far:g} m away, most is {FARTHEST:g} m: are these millimetres?"
+                f"place of a pose is {far:g} m away, allowed is {FARTHEST:g} m: are these "
+                "millimetres?"
             )
         if abs(math.hypot(*self.turn) - 1.0) > 1e-3:
             raise UserError(f"turn of a pose must be a quaternion of length 1, got {self.turn}")
@@ -94,14 +95,14 @@ class Pose:
 
 @dataclass(frozen=True, kw_only=True)
 class Ability:
-    """What a body can do.
+    """Abilities of a body.
 
     Attributes
     ----------
-    objects: type of the objects that it touches
-    moves: axes along and about which an object can be moved, of x, y, z, rx, ry, rz
-    loads: axes along and about which forces and torques can be given
-    torsion: whether torques about the grip axis are known, and the margin with torsion
+    objects: type of the objects that the body can touch
+    moves: axes along and about which an object can be moved, among x, y, z, rx, ry, rz
+    loads: axes along and about which forces and torques can be applied
+    torsion: whether torques about the grip axis, and the margin with torsion, are known
     """
 
     objects: type[ContactObject] | type[Solid]
@@ -129,7 +130,7 @@ class ChainBody:
         return rest_state(self.fingertip)
 
     def touch(self, obj: ContactObject | Solid) -> Contact:
-        """Contact with an object that just touches the apex, before it is pressed.
+        """Start a contact with an object that just touches the apex, before it is pressed.
 
         Raises
         ------
@@ -149,12 +150,12 @@ class ChainBody:
         )
 
     def move(self, contact: Contact, pose: Pose, dt: float) -> Contact:
-        """Contact after the object went straight to a pose in that time [s].
+        """Move the object straight to a pose in a time [s]; returns the contact after it.
 
         Raises
         ------
         UserError
-            For a pose that the body does not know, and when the body cannot go on.
+            For a pose that is not possible on the chain, and when the model fails.
         """
         x, y, z = pose.place
         if y != 0.0 or any(pose.turn[1:]):
@@ -178,12 +179,12 @@ class ChainBody:
         return self._checked(chain_contact(self.fingertip, obj, run.state(-1), slip))
 
     def load(self, contact: Contact, wrench: Array, dt: float) -> Contact:
-        """Contact after force and torque on the object for that time [N, N·m, s], shape (6,).
+        """Apply force and torque (6,) to the object for a time [N, N·m, s]; returns the contact.
 
         Raises
         ------
         UserError
-            For a wrench that the body does not know, and when the body cannot go on.
+            For a wrench that is not possible on the chain, and when the model fails.
         """
         if wrench[[1, 3, 4, 5]].any():
             raise UserError(
@@ -197,7 +198,7 @@ class ChainBody:
         return self._checked(after)
 
     def _checked(self, contact: Contact) -> Contact:
-        """The contact; refuse a press that is harder than the node model can describe."""
+        """Return the contact; refuse a press that is harder than the node model can describe."""
         limit = _largest_grip(self.fingertip, of_chain(contact)[0])
         if contact.field.total_normal > 1.01 * limit:
             raise UserError(
@@ -246,20 +247,20 @@ class SiliconeBody:
 
     @property
     def name(self) -> BodyName:
-        """Name in a scene or a design."""
+        """Name in a scene or a design: `dome` or `pad`."""
         return self.carrier.kind
 
     def untouched(self) -> DomeState:
         """State without an object."""
-        nothing = np.zeros_like(lattice(self.carrier).points)
+        zeros = np.zeros_like(lattice(self.carrier).points)
         return DomeState(
             time=0.0, place=np.zeros(3), rotation=np.eye(3), velocity=np.zeros(6),
-            displacement=nothing, linear=nothing, memory=nothing, forces=nothing,
-            friction=nothing, normals=nothing, near=np.zeros(0, np.int64),
+            displacement=zeros, linear=zeros, memory=zeros, forces=zeros,
+            friction=zeros, normals=zeros, near=np.zeros(0, np.int64),
         )  # fmt: skip
 
     def touch(self, obj: ContactObject | Solid) -> Contact:
-        """Contact with an object that just touches the apex, as of a chain."""
+        """Start a contact with an object that just touches the apex, as `ChainBody.touch`."""
         if not isinstance(obj, Solid):
             raise UserError(
                 f"a {self.name} of silicone touches a Solid, not a {type(obj).__name__}; take "
@@ -274,9 +275,10 @@ class SiliconeBody:
         return dome_contact(self.carrier, obj, start, start, no_dome_slip(self.carrier), field)
 
     def move(self, contact: Contact, pose: Pose, dt: float) -> Contact:
-        """Contact after the object went to a pose, as of a chain.
+        """Move the object to a pose, as `ChainBody.move`.
 
-        An object that goes far in one update is put down anew: it has not rubbed on its way.
+        An object that moves far in one update is lifted and put down again, without friction on
+        its way.
         """
         _, state, _ = of_dome(contact)
         place = np.array(pose.place)
@@ -305,11 +307,11 @@ class SiliconeBody:
         return contact
 
     def load(self, contact: Contact, wrench: Array, dt: float) -> Contact:
-        """Contact after force and torque, as of a chain."""
+        """Apply force and torque to the object, as `ChainBody.load`."""
         if wrench[[3, 4]].any():
             raise UserError(
-                f"torques about x and y are not possible, got {wrench.tolist()}; the object is "
-                "held from turning about them"
+                f"torques about x and y are not possible, got {wrench.tolist()}; the object cannot "
+                "turn about them"
             )
         _, state, _ = of_dome(contact)
         stepper, turning = self._stepper, DRAG * (0.5 * self.carrier.radius) ** 2
@@ -332,15 +334,15 @@ class SiliconeBody:
         return contact
 
     def nodes(self, contact: Contact) -> tuple[Array, Array]:
-        """Places and forces of the nodes, as of a chain."""
+        """Places and forces of the nodes, as `ChainBody.nodes`."""
         field = contact.field
         assert field.directions is not None
         return field.position, field.normal[:, None] * field.directions + field.friction
 
     def _check_outside(self, place: Array, turn: Rotation) -> None:
-        """Refuse a place where the object would be in what is below the silicone."""
+        """Refuse a place where the object would reach into the core below the silicone."""
         skin, shape = lattice(self.carrier), self._stepper.solid.shape
-        deepest = 0.8 * self.carrier.thickness  # as far as silicone is described
+        deepest = 0.8 * self.carrier.thickness  # deepest press that the model describes
         for depth in np.linspace(deepest, self.carrier.radius, LOOKS):
             inside = skin.points - depth * skin.outwards
             gap, _ = distances(shape, turn.inv().apply(inside - place))
@@ -351,7 +353,7 @@ class SiliconeBody:
                 )
 
     def _lifted(self, contact: Contact, place: Array, turn: Rotation) -> Contact:
-        """Contact of an object that is there and has not pressed yet."""
+        """Contact of an object at a place, before it has pressed."""
         _, state, slip = of_dome(contact)
         away = replace(self._start, time=state.time, place=place, rotation=turn.as_matrix())
         slip = replace(no_dome_slip(self.carrier), rigid_slip=slip.rigid_slip)
@@ -363,7 +365,7 @@ Body = ChainBody | SiliconeBody
 
 
 def _still(pose: Array, duration: float, **options: Any) -> Motion:
-    """Motion that stays where it is, but for free axes."""
+    """Motion that stays at a pose, except along its free axes."""
     return Motion(times=np.array([0.0, duration]), poses=np.stack([pose, pose]), **options)
 
 
@@ -375,7 +377,7 @@ def _straight(since: float, until: float, poses: Array) -> Motion:
 
 
 def _nearest(turn: Array, last: Array) -> Array:
-    """The same rotation vector, or the one beyond a full turn that is nearer to the last [rad]."""
+    """Equivalent rotation vector, turned on by a full turn if that is nearer to the last [rad]."""
     size = float(np.linalg.norm(turn))
     if size < 1e-9:
         return turn

@@ -24,20 +24,20 @@ from ..render import (
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Number of the first frame at rest; the others are before it. No run reaches them.
+#: Number of the first frame at rest; the others count down from it. No run reaches them.
 REST_NUMBER = 2**32 - 1
 
 
 def map_of(
     sensor: SensorDesign, body: int | SoftBody, places: Array | None
 ) -> Callable[[Array], Membrane]:
-    """Membrane for what `carried` says of a state.
+    """Map from the displacements `carried` of a state to the membrane.
 
     Parameters
     ----------
-    sensor: design
+    sensor: design of the sensor
     body: number of nodes of the chain, or silicone
-    places: of the markers of each layer, shape (2, M, 2); None is as designed
+    places: places of the markers of each layer, shape (2, M, 2); None: as designed
     """
     if isinstance(body, SoftBody):
         return DomeMap(sensor, body, places)
@@ -45,20 +45,21 @@ def map_of(
 
 
 class SimulatedCamera:
-    """Takes frames of states of the node model; the same seed gives the same bytes.
+    """Takes frames of states of a body; the same seed gives the same bytes.
 
     That holds for one family of processors and the same versions of the libraries.
 
     Parameters
     ----------
     sensor: design in the image
-    renderer: of the sensor; closed with the camera
-    body: number of nodes of the chain, or a dome of silicone
-    noise: standard deviation [grey levels]
-    seed: of the noise and of every defect
-    defects: of the sensor and its image
-    membrane_map: membrane for what `carried` says of a state; None is the sensor's own
-    picture: what becomes of each finished picture; None leaves it as it is
+    renderer: renderer of the sensor; it is closed with the camera
+    body: number of nodes of the chain, or silicone
+    noise: standard deviation of a pixel [grey levels]
+    seed: seed of the noise and of all defects
+    defects: defects of the sensor and its image (default: no defects)
+    membrane_map: map from the displacements `carried` of a state to the membrane (default:
+        `map_of` the sensor)
+    picture: function applied to each finished picture (default: no change)
     """
 
     def __init__(
@@ -89,26 +90,28 @@ class SimulatedCamera:
         self._seed = seed
 
     def membrane(self, displacement: Array) -> Membrane:
-        """Markers of this specimen, for what `carried` says of a state."""
-        # Labels and picture of a frame are of the same membrane.
+        """Membrane of this specimen for the displacements `carried` of a state."""
+        # Labels and picture of a frame share one membrane.
         if self._membrane is None or not np.array_equal(self._membrane[0], displacement):
             self._membrane = displacement.copy(), self._flaws(self._map(displacement))
         return self._membrane[1]
 
     def expose(self, state: State | DomeState, index: int, before: Array | None = None) -> Frame:
-        """Frame number `index` of the run, of that state.
+        """Take frame number `index` of the run, which shows a state.
 
         Parameters
         ----------
-        before: what `carried` said of the state in the frame before, from which the skin moves
-            evenly while the shutter is open; None is that of the picture taken last
+        state: state of the body
+        index: number of the frame, which determines its noise
+        before: displacements `carried` of the frame before, from which the skin moves evenly while
+            the shutter is open (default: those of the last picture)
         """
         clean = self.clean(state, index, before)
         shared = self._still is not None and clean is self._still[1]
         return self._finish(clean, state.time, index, shared)
 
     def clean(self, state: State | DomeState, index: int, before: Array | None = None) -> Image:
-        """The same picture before `add_noise`, shape (H, W, 3); not to be changed."""
+        """Take the same picture before `add_noise`, shape (H, W, 3); do not change it."""
         displacement = state.carried
         if before is None:
             before = displacement if self._before is None else self._before
@@ -123,7 +126,7 @@ class SimulatedCamera:
         return self._imaging.measured(images, index)
 
     def expose_rest(self, state: State | DomeState, count: int) -> list[Frame]:
-        """`count` frames of one state at rest, with noise that is in no frame of a run."""
+        """Take `count` frames of one state at rest, with noise that no frame of a run has."""
         image = self._render(state.carried)
         numbers = [REST_NUMBER - i for i in range(count)]
         cleans = [self._imaging.measured(image, number) for number in numbers]
@@ -133,7 +136,7 @@ class SimulatedCamera:
         ]
 
     def clean_rest(self, state: State | DomeState) -> Image:
-        """The first picture of that state at rest before `add_noise`, shape (H, W, 3)."""
+        """Take the first picture of a state at rest before `add_noise`, shape (H, W, 3)."""
         return self._imaging.measured(self._render(state.carried), REST_NUMBER)
 
     def close(self) -> None:
@@ -146,7 +149,7 @@ class SimulatedCamera:
             return self._renderer.render(membrane)
 
     def _finish(self, clean: Image, time: float, index: int, shared: bool) -> Frame:
-        """Frame of a picture without noise, which is not changed where it is shared."""
+        """Add noise to a picture and make its frame; a shared picture is copied first."""
         image = np.empty_like(clean) if shared else clean
         add_noise(clean, self._noise, self._seed, index, out=image)
         image = self._imaging.compressed(image)

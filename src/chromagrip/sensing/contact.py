@@ -35,14 +35,14 @@ class Contact:
 
     Attributes
     ----------
-    obj: the object as it is then
-    state: of the body
+    obj: object with its friction and stiffness at that instant
+    state: state of the body
     field: contact forces
-    slip: of the object so far
+    slip: slip of the object so far
     friction: µ of the contact as a whole, see `whole_friction`
-    place: of the object relative to where it began, along x and y [m]
-    indentation: way of the object towards the fingertip since they touched [m]
-    turn: of the object about z since it began [rad]
+    place: displacement of the object since the start, along x and y [m]
+    indentation: displacement of the object towards the fingertip since they touched [m]
+    turn: turn of the object about z since the start [rad]
     pitch: distance between neighbouring nodes [m]
     """
 
@@ -58,7 +58,7 @@ class Contact:
 
     @property
     def fingers(self) -> "tuple[Contact]":
-        """Contact of each finger: here of one."""
+        """Contact of each finger: this one."""
         return (self,)
 
 
@@ -99,20 +99,21 @@ def follow_chain(
     forces: Array,
     kept: tuple[int, ...],
 ) -> list[Contact]:
-    """Contacts of the node model after some of the steps under forces.
+    """Step the node model under forces; returns the contact after some of the steps.
 
     Parameters
     ----------
-    obj: in these steps
-    contact: before them
-    step: length of each [s]
+    fingertip: chain
+    obj: object in these steps
+    contact: contact before the steps
+    step: length of a step [s]
     forces: grip and load of each step [N], shape (S, 2)
-    kept: numbers of the steps after which a contact is wanted
+    kept: numbers of the steps after which the contact is returned
 
     Raises
     ------
     UserError
-        When the model cannot go on.
+        When the model fails.
     """
     _, state, slip = of_chain(contact)
     with located("the node model gave up"):
@@ -132,7 +133,7 @@ def dome_contact(
     slip: DomeSlip,
     field: ForceField,
 ) -> Contact:
-    """Contact of silicone, with an object that began at `start`."""
+    """Contact of a state of silicone, with an object that started at `start`."""
     moved = state.place - start.place
     turned = state.rotation @ start.rotation.T
     return Contact(
@@ -151,18 +152,20 @@ def dome_contact(
 def follow_dome(
     stepper: Stepper, contact: Contact, start: DomeState, end: float, wrench: Array | None = None
 ) -> Contact:
-    """Contact after a step of the stepper, which is in that contact's state.
+    """Advance the stepper by a step; returns the contact after it.
 
     Parameters
     ----------
-    start: state in which the object began
+    stepper: stepper in the state of `contact`
+    contact: contact before the step
+    start: state in which the object started
     end: time at the end of the step [s]
-    wrench: force and torque on the free axes [N, N·m], shape (6,); None is the motion's
+    wrench: force and torque on the free axes [N, N·m], shape (6,) (default: the motion's)
 
     Raises
     ------
     ModelError
-        When the silicone cannot go on.
+        When the model fails.
     """
     _, before, slip = of_dome(contact)
     stepper.advance(end, wrench)

@@ -1,4 +1,4 @@
-"""Numbers that a caller gives, which must be numbers in their range."""
+"""Checks of numbers that a caller gives."""
 
 import math
 from numbers import Real
@@ -10,7 +10,7 @@ from ..errors import UserError
 
 
 def number(value: object, what: str, least: float = -math.inf) -> float:
-    """A finite number of at least `least`.
+    """Check a finite number of at least `least`; `what` names it in the message.
 
     Raises
     ------
@@ -25,7 +25,7 @@ def number(value: object, what: str, least: float = -math.inf) -> float:
 
 
 def numbers(values: object, counts: tuple[int, ...], what: str) -> NDArray[np.float64]:
-    """Array of so many finite numbers.
+    """Check an array of finite numbers; `counts` are the allowed lengths.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Margins of an observation: a bias on µ, the margin with torsion, the one to hold, and whose."""
+"""Margins of an observation: bias on µ, margin with torsion, margin to hold, finger to follow."""
 
 import math
 from collections.abc import Sequence
@@ -15,17 +15,17 @@ from ..tracking import Z90
 Array = NDArray[np.float64]
 
 
-#: Smallest µ that a bias leaves.
+#: Smallest µ after a bias.
 LEAST_FRICTION = 0.01
 
 
 def finished(observation: GripObservation, bias: float = 0.0) -> GripObservation:
-    """Observation with a bias on µ, and with the margin of friction and torsion together."""
+    """Add a bias on µ, and the margin of friction and torsion together."""
     return with_limit_margin(with_friction_bias(observation, bias))
 
 
 def with_friction_bias(observation: GripObservation, bias: float) -> GripObservation:
-    """Observation with a bias on µ, which stays above 0.01, and with the Γ of that µ."""
+    """Add a bias to µ, which stays at `LEAST_FRICTION` or above, and compute Γ with it."""
     if bias == 0.0 or math.isnan(observation.margin):
         return observation
     mu = max(observation.friction + bias, LEAST_FRICTION)
@@ -44,19 +44,19 @@ def with_friction_bias(observation: GripObservation, bias: float) -> GripObserva
 
 
 def with_limit_margin(observation: GripObservation) -> GripObservation:
-    """Observation with the margin of friction and torsion together, where a torque is known.
+    """Add the margin of friction and torsion together, if the torque is known.
 
-    An interval that a reconstructor does not tell of the torque counts as none.
+    A torque whose covariance is unknown counts as exact.
     """
     field, mu = observation.field, observation.friction
     if field.directions is None or math.isnan(observation.margin):
         return observation
-    # It is never larger than Γ but for the end of a search.
+    # It is never larger than Γ, except for the tolerance of its search.
     limit = min(margin_within(field, mu), observation.margin)
     twist, slope, bound = torsion(field)
     bound *= mu
     observation = replace(observation, torsion=twist, torsion_borne=bound)
-    if not bound > 0.0:  # a single node bears no torsion
+    if not bound > 0.0:  # a single node carries no torsion
         return replace(
             observation, limit_margin=limit, limit_margin_interval=observation.margin_interval
         )
@@ -74,7 +74,7 @@ def with_limit_margin(observation: GripObservation) -> GripObservation:
 
 
 def held(observation: GripObservation, margin: HeldMargin) -> GripObservation:
-    """Observation as a controller is given it, with the margin that it is to hold."""
+    """Observation for a controller: its margin is the one to hold."""
     if margin == "friction" or math.isnan(observation.limit_margin):
         return observation
     return replace(
@@ -85,10 +85,10 @@ def held(observation: GripObservation, margin: HeldMargin) -> GripObservation:
 
 
 def smaller(observations: Sequence[GripObservation]) -> int:
-    """Finger whose observation goes to the controller: the one with the smallest margin.
+    """Number of the finger whose observation the controller gets: that of the smallest margin.
 
-    A finger that touches nothing comes before all others, so that controllers grip. A finger
-    without an estimate is left out while another one has one.
+    A finger without contact comes before all others, so that controllers grip. A finger without an
+    estimate is ignored while another finger has one.
     """
     return min(range(len(observations)), key=lambda k: _urgency(observations[k]))
 
@@ -104,7 +104,7 @@ def _deviation(slope: Array, covariance: Array) -> float:
 
 
 def _bound_deviation(observation: GripObservation) -> float:
-    """Relative standard deviation of µ·ΣFn, of which a contact's bounds are multiples."""
+    """Relative standard deviation of µ·ΣFn, to which a contact's bounds are proportional."""
     field = observation.field
     low, high = observation.friction_interval
     friction = 0.0 if math.isnan(low) else (high - low) / (2.0 * Z90 * observation.friction)
@@ -118,16 +118,16 @@ def _interval(
     twist: float,
     ends: tuple[tuple[float, float], tuple[float, float]],
 ) -> tuple[float, float]:
-    """Interval of the margin, as errors of the pull and of the twist move it together.
+    """Interval of the margin, from the errors of pull and twist together.
 
     Both share the error of µ·ΣFn. So their effects are added, each as if the limit surface were
-    an ellipsoid: the share of it that is used is the root of the sum of both squares.
+    an ellipsoid: the used share of it is the root of the sum of both squares.
 
     Parameters
     ----------
-    limit: the margin
-    pull, twist: shares that each uses of what is borne of it alone
-    ends: of the intervals of both
+    limit: margin of friction and torsion together
+    pull, twist: friction and torsion, each as a share of the largest that is carried alone
+    ends: ends of the intervals of both
     """
     used = math.hypot(pull, twist)
     pulls, twists = ends

@@ -1,4 +1,4 @@
-"""Observers: from tracks, or from the model's true forces, to a GripObservation."""
+"""Observers: make a GripObservation from tracks, or from the model's true forces."""
 
 import math
 from copy import copy, deepcopy
@@ -23,23 +23,24 @@ from ..tracking import (
 )
 from ..tracking.forces import DOME_METHODS, name_used, untouched_field
 
-#: Largest half-width of the interval of ln µ by which that of Γ is skewed: about that of the prior.
+#: Largest half-width of the interval of ln µ that skews the interval of Γ: about the prior's.
 _MOST_DOUBT = 1.0
-#: Correlation of the errors of ΣFn and ΣFf where stiffnesses are wrong: the tissue's turn both
-#: alike, the membrane's do not.
+#: Correlation of the errors of ΣFn and ΣFf from wrong stiffnesses: the tissue's scale both alike,
+#: the membrane's do not.
 STIFFNESS_CORRELATION = 0.95
-#: Stream of random numbers that the noise on Γ is drawn from, among those of a seed.
+#: Number of the random stream of the noise on Γ, among those of a seed.
 MARGIN_NOISE_STREAM = 7
 
 
 class TruthObserver:
-    """Reads forces and displacement off the model; µ by the thesis's own estimator (Eq. 8).
+    """Takes forces and displacement from the model; estimates µ as in the thesis (Eq. 8).
 
     Parameters
     ----------
     window: moving average of the friction estimate [s]
-    margin_noise: standard deviation of white noise on Γ; it is put on the friction forces, not on µ
-    seed: of the noise
+    margin_noise: standard deviation of white noise on Γ (default 0); it is added to the friction
+        forces, not to µ
+    seed: seed of the noise (default 0)
     """
 
     def __init__(self, window: float, margin_noise: float = 0.0, seed: int = 0) -> None:
@@ -50,7 +51,7 @@ class TruthObserver:
     def observe(
         self, time: float, field: ForceField, lateral_displacement: float
     ) -> GripObservation:
-        """Observation of the true contact forces."""
+        """Observe the true contact forces at a time [s], and the lateral displacement [m]."""
         observation = _observation(time, field, self._friction, lateral_displacement)
         if self._noise == 0.0 or math.isnan(observation.margin):
             return observation
@@ -66,9 +67,9 @@ class TruthObserver:
 def _with_margin_noise(
     observation: GripObservation, deviation: float, drawn: float
 ) -> GripObservation:
-    """Observation whose friction forces are wrong, so that Γ is wrong by deviation·drawn.
+    """Add an error to the friction forces, which shifts Γ by deviation·drawn.
 
-    Nodes share the error as they share ΣFn. Near Γ = 1 the sum may change its sign.
+    Nodes share the error in proportion to their Fn. Near Γ = 1 the sum may change its sign.
     """
     field, mu = observation.field, observation.friction
     whole, size = field.net_friction, field.total_friction
@@ -87,11 +88,11 @@ class ForceObserver:
 
     Parameters
     ----------
-    calibration: of the sensor
+    calibration: calibration of the sensor
     rest: tracks of the unloaded sensor
     reconstructor: see `load_reconstructor`
     window: moving average of the friction estimate [s]
-    rule: how µ is read off a field
+    rule: rule that estimates µ from a field
     """
 
     def __init__(
@@ -107,20 +108,21 @@ class ForceObserver:
             self._forces = load_reconstructor(reconstructor)(calibration, rest)
         self._friction = FrictionEstimate(rule, window)
         name = name_used(reconstructor, calibration)
-        self._nothing = (
+        self._empty = (
             untouched_field(calibration.sensor.dome, math.inf)
             if name in DOME_METHODS
             else _no_chain_field(calibration.fingertip)
         )
-        # A reader that carries its calibration's covariance says what that leaves.
+        # A reconstructor that uses the silicone's covariance reports the remaining deviation.
         self._stiffness_deviation = float(
             getattr(self._forces, "stiffness_deviation", calibration.stiffness_deviation)
         )
 
     def observe(self, time: float, tracks: Tracks) -> GripObservation:
-        """Observation of a frame's tracks.
+        """Estimate forces and friction from a frame's tracks.
 
-        Where no forces can be estimated it has an empty field, Γ of NaN, and the reason.
+        If forces cannot be estimated, the field is empty, Γ is NaN, and `no_estimate` has the
+        reason.
         """
         reason = ""
         try:
@@ -128,7 +130,7 @@ class ForceObserver:
                 field = self._forces.update(tracks)
             field = _with_stiffness_deviation(field, self._stiffness_deviation)
         except NoEstimateError as error:
-            field, reason = self._nothing, str(error)
+            field, reason = self._empty, str(error)
         return _observation(time, field, self._friction, math.nan, reason)
 
     def copied(self) -> Self:
@@ -166,7 +168,7 @@ def _observation(
 
 
 def _friction_deviation(field: ForceField, mu: float, interval: tuple[float, float]) -> float:
-    """Standard deviation of µ that its 90 % interval says."""
+    """Standard deviation of µ from its 90 % interval."""
     low, high = interval
     if field.friction_reading is not None and field.friction_reading.logarithmic:
         return mu * math.log(high / low) / (2.0 * Z90)
@@ -186,8 +188,8 @@ def _direction(field: ForceField) -> tuple[float, float, float]:
 def margin_interval(field: ForceField, mu: float, mu_deviation: float) -> tuple[float, float]:
     """90 % interval of Γ.
 
-    Γ = 1 − ΣFf/(µ·ΣFn) falls faster where µ is less. On a dome µ is often hardly known, and its
-    error is taken as one of its logarithm.
+    Γ = 1 − ΣFf/(µ·ΣFn) falls faster as µ falls. On a dome µ is often uncertain, and its error is
+    treated as an error of its logarithm.
     """
     margin = field.safety_margin(mu)
     spread = Z90 * margin_deviation(field, mu, mu_deviation)
@@ -200,8 +202,8 @@ def margin_interval(field: ForceField, mu: float, mu_deviation: float) -> tuple[
 def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float:
     """Standard deviation of Γ from those of ΣFn, ΣFf and µ, to first order.
 
-    An error of a µ that was read together with the sums is correlated with theirs. NaN where Γ is,
-    infinite where that of a sum is.
+    An error of a µ that was estimated together with the sums is correlated with theirs. The result
+    is NaN if Γ is, and infinite if the deviation of a sum is.
     """
     normal, friction = field.total_normal, field.total_friction
     if not (normal > 0.0 and mu > 0.0):
@@ -223,13 +225,13 @@ def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float
 
     if reading is None or math.isnan(reading.margin_deviation):
         return math.sqrt(variance(mu_deviation))
-    # What the µ over time is worse known than the one that was learned with comes on top.
+    # Add the variance by which the averaged µ is less certain than the one used in training.
     more = max(variance(mu_deviation) - variance(reading.deviation), 0.0)
     return math.sqrt(reading.margin_deviation**2 + more)
 
 
 def _with_stiffness_deviation(field: ForceField, deviation: float) -> ForceField:
-    """Field whose sums are uncertain by that share, as the stiffnesses of the calibration are."""
+    """Add the relative deviation of the calibration's stiffnesses to that of the sums."""
     if deviation == 0.0:
         return field
     totals = deviation * np.array([field.total_normal, field.total_friction])

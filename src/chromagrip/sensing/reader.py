@@ -1,10 +1,10 @@
-"""A reader: a picture in; forces, friction and margin out, or the reason why not.
+"""A reader: a picture in; forces, friction and margin out, or the reason for no estimate.
 
     reader = chromagrip.Reader("dome-2020", rest_frames)
     reading = reader.update(image, time=0.1)
     reading.wrench, reading.margin, reading.margin_interval, reading.no_estimate
 
-It knows the pixels, the frames at rest and the calibration of the sensor.
+It gets only the pixels, the frames at rest and the calibration of the sensor.
 """
 
 import hashlib
@@ -49,21 +49,21 @@ Image = NDArray[np.uint8]
 
 #: Moving average of the friction estimate [s].
 DEFAULT_WINDOW = 0.3
-#: Noise of a pixel, where it is not known [grey levels].
+#: Default noise of a pixel [grey levels].
 DEFAULT_NOISE = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What is read of a frame; what is unknown is None.
+    """Estimates from a frame; unknown values are None.
 
     Attributes
     ----------
-    observation: forces, friction and margins with their intervals, with Γ as its margin; None of a
-        dropped frame, and where no forces are read
-    held: the same with the margin that a controller is to hold
-    frame: picture with its time; None on the truth path and of a dropped frame
-    tracks, rest: markers in it and at rest; None on the truth path
+    observation: forces, friction and margins with their intervals, with Γ as its margin; None for a
+        dropped frame, and for a reader of markers alone
+    held: the same observation with the margin that a controller must hold
+    frame: picture with its time; None on the truth path and for a dropped frame
+    tracks, rest: markers in the frame and at rest; None on the truth path
     """
 
     observation: GripObservation | None = None
@@ -74,21 +74,21 @@ class Reading:
 
     @property
     def no_estimate(self) -> str:
-        """Reason for which there is no estimate; empty where there is one."""
+        """Reason for a missing estimate; empty if there is an estimate."""
         if self.observation is None:
             return "no forces were read of this frame"
         return self.observation.no_estimate
 
     @property
     def ok(self) -> bool:
-        """Whether there is an estimate."""
+        """True if there is an estimate."""
         return not self.no_estimate
 
     @property
     def wrench(self) -> Array:
         """Force of the object on the sensor along x, y, z [N], and torque about z [N·m], (4,).
 
-        NaN without an estimate, and of a chain, whose forces are in a plane.
+        NaN without an estimate, and for a chain, whose forces are in a plane.
         """
         if self.observation is None:
             return np.full(4, math.nan)
@@ -96,7 +96,7 @@ class Reading:
 
     @property
     def wrench_covariance(self) -> Array:
-        """Covariance of `wrench`, shape (4, 4); NaN where it is unknown."""
+        """Covariance of `wrench`, shape (4, 4); NaN if it is unknown."""
         known = None if self.observation is None else self.observation.field.wrench_covariance
         return np.full((4, 4), math.nan) if known is None or not self.ok else known
 
@@ -108,8 +108,8 @@ class Reading:
     @property
     def margin_interval(self) -> tuple[float, float]:
         """90 % interval of Γ."""
-        nothing = (math.nan, math.nan)
-        return nothing if self.observation is None else self.observation.margin_interval
+        unknown = (math.nan, math.nan)
+        return unknown if self.observation is None else self.observation.margin_interval
 
     @property
     def friction(self) -> float:
@@ -118,24 +118,24 @@ class Reading:
 
 
 class Reader:
-    """Reads one specimen's pictures, frame after frame.
+    """Estimates forces from one specimen's pictures, frame after frame.
 
     Parameters
     ----------
     calibration: name of a design, file of a calibration, or a calibration
-    rest: pictures or frames of the untouched sensor, RGB; one or several
-    tracker: see `load_tracker`
-    reconstructor: see `load_reconstructor`; `auto` is that of the calibration's body
-    noise: standard deviation of a pixel, from the camera's data sheet [grey levels]
-    window: moving average of the friction estimate [s]
-    friction_bias: added to µ, as a controller's designer may wish to
-    held_margin: margin that a controller is to hold, as in a scene
-    rule: how µ is read off a field
+    rest: one or several pictures or frames of the untouched sensor, RGB
+    tracker: see `load_tracker` (default `fit`)
+    reconstructor: see `load_reconstructor` (default `auto`: the one for the calibration's body)
+    noise: standard deviation of a pixel, from the camera's data sheet (default 2) [grey levels]
+    window: moving average of the friction estimate (default 0.3) [s]
+    friction_bias: bias added to the estimated µ (default 0)
+    held_margin: margin that a controller must hold, as in a scene
+    rule: rule that estimates µ from a field
 
     Raises
     ------
     UserError
-        For a calibration, tracker or reconstructor that cannot be used, and pictures at rest in
+        For a calibration, tracker or reconstructor that cannot be used, and for pictures at rest in
         which the markers are not found.
     """
 
@@ -155,10 +155,10 @@ class Reader:
         _check_settings(noise, window, friction_bias, held_margin)
         known = load_calibration(calibration) if isinstance(calibration, str) else calibration
         check_reconstructor(reconstructor, known)
-        given: Any = rest
+        pictures: Any = rest
         if isinstance(rest, Frame) or (isinstance(rest, np.ndarray) and rest.ndim == 3):
-            given = [rest]
-        frames = [one if isinstance(one, Frame) else Frame(image=one, time=0.0) for one in given]
+            pictures = [rest]
+        frames = [one if isinstance(one, Frame) else Frame(image=one, time=0.0) for one in pictures]
         if not frames:
             raise UserError("a reader needs at least one picture of the untouched sensor")
         with blaming(f"tracker {name_of(tracker)} failed", SystemExit):
@@ -170,12 +170,12 @@ class Reader:
 
     @classmethod
     def of_tracker(cls, tracker: Tracker, name: str, rest: Tracks) -> Self:
-        """Reader of markers alone, with a tracker that was given the frames at rest.
+        """Make a reader of markers alone, from a tracker that was given the frames at rest.
 
         Parameters
         ----------
         tracker, name: tracker, and its name for messages
-        rest: its tracks of the frames at rest
+        rest: tracks of the frames at rest, from that tracker
         """
         reader = cls.__new__(cls)
         reader._begin(tracker, name, rest, None)
@@ -203,7 +203,7 @@ class Reader:
         Parameters
         ----------
         image: picture, RGB, uint8, shape (H, W, 3), or a frame
-        time: instant of the picture [s]; None is that of a frame
+        time: instant of the picture [s] (default: that of the frame)
 
         Raises
         ------
@@ -219,18 +219,18 @@ class Reader:
         if image.time < self._last:
             raise UserError(
                 f"the picture of {image.time:g} s came after that of {self._last:g} s; a reader "
-                "goes forward, and a new one begins again"
+                "needs pictures in order of time, or make a new reader"
             )
         self._last = image.time
         return self.read(image, self.track(image))
 
     def track(self, frame: Frame) -> Tracks:
-        """Markers in the next frame, the first half of `update`.
+        """Track the markers in the next frame, the first half of `update`.
 
         Raises
         ------
         UserError
-            When the tracker refuses the frame, or gives no tracks of the same markers.
+            When the tracker refuses the frame, or does not return tracks of the same markers.
         """
         with blaming(self._failure, SystemExit):
             tracks = self._tracker.update(frame)
@@ -238,7 +238,7 @@ class Reader:
         return tracks
 
     def read(self, frame: Frame, tracks: Tracks) -> Reading:
-        """Reading of a frame's markers, the second half of `update`."""
+        """Estimate forces from a frame's markers, the second half of `update`."""
         reading = Reading(frame=frame, tracks=tracks, rest=self.rest)
         if self._forces is None:
             return reading
@@ -246,7 +246,7 @@ class Reader:
         return replace(reading, observation=observation, held=held(observation, self._held_margin))
 
     def with_forces(self, forces: ForceObserver) -> Self:
-        """The same reader, which reads forces too."""
+        """Copy of this reader that also estimates forces."""
         other = copy(self)
         other._forces = forces
         return other
@@ -261,11 +261,11 @@ class Reader:
 
 
 class TruthReader:
-    """Reads the true forces in the middle of a frame's exposure, in place of its picture.
+    """Takes the true forces in the middle of a frame's exposure, in place of its picture.
 
     Parameters
     ----------
-    scene: window and noise of the friction estimate, and the margin to hold
+    scene: scene with the window and noise of the friction estimate, and the margin to hold
     """
 
     rest: Tracks | None = None
@@ -276,7 +276,7 @@ class TruthReader:
         self._observer = TruthObserver(window, scene.truth.margin_noise, scene.seed)
 
     def observe(self, exposed: Contact, time: float) -> Reading:
-        """Reading of a contact, at the time of the frame [s]."""
+        """Observe a contact, at the time of the frame [s]."""
         observation = self._observer.observe(time, exposed.field, exposed.slip.current)
         observation = finished(observation, self._bias)
         return Reading(observation=observation, held=held(observation, self._held_margin))
@@ -290,7 +290,7 @@ class TruthReader:
 
 @dataclass(frozen=True)
 class _RestPictures:
-    """Frames of the untouched sensor, which are the same where their digest is."""
+    """Frames of the untouched sensor, compared by their digest."""
 
     digest: bytes
     frames: tuple[Frame, ...] = field(compare=False)
@@ -306,7 +306,7 @@ class _RestPictures:
 
 @dataclass(frozen=True, kw_only=True)
 class _Asked:
-    """What a reader is made of, beside its frames at rest; `name` is in messages."""
+    """Arguments of a reader, except its frames at rest; `name` is used in messages."""
 
     calibration: SensorCalibration
     name: str
@@ -325,7 +325,7 @@ def scene_reader(
     reconstructor: Choice,
     rest: list[Frame],
 ) -> Reader:
-    """Reader of a scene's pictures; what our methods read of the same rest frames is kept."""
+    """Reader of a scene's pictures; for our methods and the same rest frames it is cached."""
     asked = _Asked(
         calibration=calibration,
         name=calibration.name,
@@ -357,7 +357,7 @@ def _made(asked: _Asked, rest: list[Frame]) -> Reader:
 
 
 def _check_settings(noise: float, window: float, bias: float, margin: str) -> None:
-    """Refuse settings of a reader that are no numbers in their range."""
+    """Refuse settings of a reader that are out of range."""
     number(noise, "noise [grey levels]", 0.0)
     number(window, "window [s]", 0.0)
     number(bias, "friction_bias")
@@ -367,18 +367,18 @@ def _check_settings(noise: float, window: float, bias: float, margin: str) -> No
 
 
 def check_tracks(tracks: object, name: str, rest: Tracks | None = None) -> None:
-    """Refuse an answer of a plug-in that is no `Tracks`, or has other markers than at rest."""
+    """Refuse a tracker's result that is not `Tracks`, or has other markers than at rest."""
     if not isinstance(tracks, Tracks):
-        raise UserError(f"tracker {name} gave a {type(tracks).__name__}; wanted: Tracks")
+        raise UserError(f"tracker {name} gave a {type(tracks).__name__}; expected: Tracks")
     if rest is not None and tracks.position.shape != rest.position.shape:
         raise UserError(
             f"tracker {name} gave positions of shape {tracks.position.shape}, at rest "
-            f"{rest.position.shape}; wanted: the same markers in every frame"
+            f"{rest.position.shape}; expected: the same markers in every frame"
         )
 
 
 def known_sensor(scene: Scene) -> SensorCalibration:
-    """Calibration of a scene's sensor: from its file, or that of a sensor as designed."""
+    """Load the calibration of a scene's sensor: from its file, or that of the design."""
     if scene.calibration:
         return load_calibration(scene.calibration)
     return sensor_as_designed(scene.sensor, scene.fingertip.model)

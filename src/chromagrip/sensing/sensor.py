@@ -5,8 +5,8 @@
     sensor.update(Pose(place=(0.0, 0.0, 29e-3)), dt=1 / 60)
     sensor.data.image, sensor.data.wrench, sensor.data.margin
 
-Its bodies are the node model's chain, and silicone as a dome or a pad. A picture is drawn when it
-is asked for.
+Its body is the node model's chain, or silicone as a dome or a pad. A picture is rendered when it
+is first read.
 """
 
 from collections.abc import Callable
@@ -39,21 +39,21 @@ from .given import number, numbers
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Share of µ·Fn from which on the friction of a node counts as slipping.
+#: Share of µ·Fn at which the friction of a node counts as slipping.
 SLIPPING = 0.98
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorState:
-    """Everything that the next update of a sensor starts from.
+    """State from which the next update of a sensor starts.
 
     Attributes
     ----------
-    contact: that is exposed and true now
+    contact: true contact at the frame's instant
     exposed: contact that the picture shows
-    index: of the frame
-    before: what the camera saw in the frame before
-    obj: that is attached; None where the contact is somebody else's
+    index: number of the frame
+    before: displacements `carried` in the frame before
+    obj: attached object; None if the contact comes from `show`
     """
 
     contact: Contact
@@ -71,14 +71,15 @@ class TactileSensor:
     Parameters
     ----------
     design: name or file of a design, or a design
-    body: `chain`, `dome` or `pad`, or a body that differs from the design's; None is the
-        silicone of the design
-    seed: of the specimen's defects and of the noise
-    noise: standard deviation of a pixel [grey levels]
-    defects: of the specimen and its image; None are those of the design's specimens
-    renderer: name, class or other factory
-    membrane_map: membrane for what `carried` says of a state; None is the sensor's own
-    picture: what becomes of each finished picture; None leaves it as it is
+    body: `chain`, `dome` or `pad`, or a body that differs from the design's (default: the
+        silicone of the design)
+    seed: seed of the specimen's defects and of the noise (default 0)
+    noise: standard deviation of a pixel (default 0) [grey levels]
+    defects: defects of the specimen and its image (default: those of the design)
+    renderer: name, class or other factory of the renderer (default `painter`)
+    membrane_map: map from the displacements `carried` of a state to the membrane (default:
+        the sensor's own)
+    picture: function applied to each finished picture (default: no change)
 
     Raises
     ------
@@ -123,15 +124,16 @@ class TactileSensor:
         membrane_map: Callable[[Array], Membrane] | None = None,
         body: Fingertip | SoftBody | None = None,
     ) -> Self:
-        """Sensor of a scene of one finger, with its body and specimen.
+        """Make the sensor of a scene of one finger, with its body and specimen.
 
         Parameters
         ----------
-        scene: of one finger
-        renderer: in place of the scene's
-        camera: that takes the pictures, and is not closed with the sensor; None is the scene's
-        membrane_map: as of the sensor
-        body: in place of the scene's
+        scene: scene of one finger
+        renderer: renderer in place of the scene's
+        camera: camera that takes the pictures, and is not closed with the sensor (default: the
+            scene's)
+        membrane_map: see `TactileSensor`
+        body: body in place of the scene's
         """
         if body is None:
             body = scene.build_body()
@@ -149,12 +151,12 @@ class TactileSensor:
 
     @property
     def ability(self) -> Ability:
-        """What the body can do: objects, and axes of motions and loads."""
+        """Abilities of the body: objects, and axes of motions and loads."""
         return self.body.ability
 
     @property
     def camera(self) -> SimulatedCamera:
-        """Camera that takes pictures of any state of the body; opened when it is first needed."""
+        """Camera that takes pictures of any state of the body; opened when first needed."""
         if self._camera is None:
             self._camera = SimulatedCamera(
                 self.design,
@@ -169,11 +171,11 @@ class TactileSensor:
         return self._camera
 
     def attach(self, obj: ContactObject | Solid) -> None:
-        """Take an object, and begin with it above the apex, which it just touches.
+        """Attach an object and begin with it above the apex, which it just touches.
 
         Parameters
         ----------
-        obj: a `ContactObject` for a chain, a `Solid` for silicone, with their friction
+        obj: object with its friction: a `ContactObject` for a chain, a `Solid` for silicone
 
         Raises
         ------
@@ -203,20 +205,20 @@ class TactileSensor:
 
         Parameters
         ----------
-        pose: where it goes, straight from where it is, in the sensor's frame
-        force: instead of a pose: force on it along x, y and z [N], (3,), a press has a negative
-            z; or force and torque about the sensor's axes [N, N·m], (6,)
+        pose: pose to which the object moves in a straight line, in the sensor's frame
+        force: instead of a pose, force on the object along x, y and z [N], (3,), where a press has
+            a negative z; or force and torque about the sensor's axes [N, N·m], (6,)
         dt: time since the last frame [s]
 
         Returns
         -------
-        What the sensor shows, as `data`.
+        values of the new frame, as `data`
 
         Raises
         ------
         UserError
-            Before `attach`, for what the body cannot do, and when it cannot go on; the sensor
-            stays as it is then.
+            Before `attach`, for a pose or force that the body cannot follow, and when the model
+            fails; the sensor then keeps its state.
         """
         if self._obj is None or self._state is None:
             raise UserError("update() needs an object; call attach() first")
@@ -234,13 +236,13 @@ class TactileSensor:
         return self.data
 
     def show(self, contact: Contact, exposed: Contact, index: int) -> None:
-        """Take over a contact that something else has computed, such as the plant of a rig.
+        """Take over a contact that was computed elsewhere, such as by the plant of a rig.
 
         Parameters
         ----------
-        contact: at the frame's instant
+        contact: contact at the frame's instant
         exposed: contact in the middle of the frame's exposure
-        index: number of the frame, which decides its noise; 0 begins anew
+        index: number of the frame, which determines its noise; 0 begins again
         """
         first = self._state is None or index == 0
         before = (exposed.state if first else self._state.exposed.state).carried  # type: ignore[union-attr]
@@ -248,7 +250,7 @@ class TactileSensor:
 
     @property
     def data(self) -> "SensorData":
-        """What the sensor shows now.
+        """Values of the current frame.
 
         Raises
         ------
@@ -256,17 +258,17 @@ class TactileSensor:
             Before `attach`.
         """
         if self._data is None:
-            raise UserError("data is not there before attach(); call attach() first")
+            raise UserError("data is not available before attach(); call attach() first")
         return self._data
 
     def rest_frames(self, count: int = 1) -> list[Frame]:
-        """Frames of the untouched sensor at time 0, with noise that is in no other frame."""
+        """Take frames of the untouched sensor at time 0, with noise that no other frame has."""
         return self.camera.expose_rest(self.body.untouched(), count)
 
     def state(self) -> SensorState:
-        """State from which the sensor can go on later, as often as is wanted."""
+        """State from which the sensor can go on later, any number of times."""
         if self._state is None:
-            raise UserError("state() is not there before attach(); call attach() first")
+            raise UserError("state() is not possible before attach(); call attach() first")
         return self._state
 
     def restore(self, state: SensorState) -> None:
@@ -275,9 +277,9 @@ class TactileSensor:
         Raises
         ------
         UserError
-            For what is no state, and for that of another body.
+            For a value that is not a state, and for the state of another body.
         """
-        _check_type(state, (SensorState,), "restore() needs what state() gave")
+        _check_type(state, (SensorState,), "restore() needs a value of state()")
         if state.obj is not None and state.obj is not self._obj:
             self.attach(state.obj)
         self._state, self._data = state, SensorData(self, state)
@@ -295,7 +297,7 @@ class TactileSensor:
 
 
 class SensorData:
-    """What a sensor shows of one frame; each value is computed when it is first asked for."""
+    """Picture and truth of one frame; each value is computed when it is first read."""
 
     def __init__(self, sensor: TactileSensor, state: SensorState) -> None:
         self._sensor, self._state = sensor, state
@@ -320,7 +322,7 @@ class SensorData:
 
     @property
     def clean(self) -> Image:
-        """Picture without noise, not to be changed, RGB, uint8, shape (H, W, 3)."""
+        """Picture without noise, RGB, uint8, shape (H, W, 3); do not change it."""
         return self._sensor.camera.clean(self._state.exposed.state, self.index, self._state.before)
 
     @property
@@ -330,7 +332,7 @@ class SensorData:
 
     @cached_property
     def markers(self) -> MarkerTruth:
-        """Truth of the markers in the picture without noise."""
+        """True markers in the picture without noise."""
         sensor = self._sensor
         return marker_truth(sensor.design, sensor.camera.membrane(self.contact.state.carried))
 
@@ -341,7 +343,7 @@ class SensorData:
 
     @property
     def marker_visible(self) -> NDArray[np.bool_]:
-        """Whether each marker lies in the picture, shape (2, M)."""
+        """Markers that lie in the picture, bool, shape (2, M)."""
         return self.markers.visible
 
     @property
@@ -367,14 +369,14 @@ class SensorData:
     def wrench(self) -> Array:
         """Force of the object on the sensor, and its torque about the origin [N, N·m], (6,).
 
-        A chain has no width, and its torque is that in its plane.
+        The torque of a chain, which has no width, is the one in its plane.
         """
         places, forces = self._nodes
         return np.concatenate([forces.sum(axis=0), np.cross(places, forces).sum(axis=0)])
 
     @property
     def slipping(self) -> NDArray[np.bool_]:
-        """Whether the friction of each node is near its limit, shape (N,)."""
+        """Nodes whose friction is near its limit, bool, shape (N,)."""
         field = self.contact.field
         limit = SLIPPING * self.contact.friction * field.normal
         return field.contact & (field.friction_sizes >= limit)
@@ -396,16 +398,16 @@ class SensorData:
 
 
 def body_of(design: SensorDesign, body: BodyName | Fingertip | SoftBody | None) -> Body:
-    """Body of a design, by name or as it is given.
+    """Build the body of a design by name, or wrap a given body.
 
     Raises
     ------
     UserError
         For a body that the design does not have.
     """
-    if body == "chain":  # the one name that is not its silicone's
+    if body == "chain":
         body = Fingertip.of_radius(design.shape.radius, nodes=REFERENCE_NODES, law="split")
-    if isinstance(body, Fingertip):  # a body that is given, not named
+    if isinstance(body, Fingertip):
         return ChainBody(body, flat=design.shape.flat)
     if isinstance(body, SoftBody):
         return SiliconeBody(body)
@@ -429,7 +431,7 @@ def _wrench(force: ArrayLike | None) -> Array:
 
 
 def open_camera(scene: Scene, renderer: Choice | None = None) -> SimulatedCamera:
-    """Camera of a scene of one finger; close it after the run.
+    """Open the camera of a scene of one finger; close it after the run.
 
     Raises
     ------

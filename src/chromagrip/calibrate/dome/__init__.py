@@ -1,1 +1,1 @@
-"""Calibration of a dome of silicone from known presses, by the mechanics of its contacts."""
+"""Calibration of a silicone dome from known presses, by the mechanics of its contacts."""

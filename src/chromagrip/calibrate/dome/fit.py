@@ -240,7 +240,7 @@ class SiliconeFit:
         return moved, covariance, held
 
     def residual(self, point: Point) -> Array:
-        """What is left of the pictures, the forces and the priors, in deviations."""
+        """Residuals of the pictures, the forces and the priors, in standard deviations."""
         scaled = self.spread * point.x
         forces = point.held * math.exp(scaled[self._young])
         known = self.data.presses

@@ -70,11 +70,12 @@ class Pressing:
         self._way = ContactWay(dome)
 
     def __call__(self, press: Press, own: Array) -> tuple[Array, Array]:
-        """What the markers and the holder of the object show of a press.
+        """Predict the shifts of the markers and the force on the object under a press.
 
         Parameters
         ----------
-        own: unknowns, shape (8,)
+        press: press
+        own: unknowns of the press, shape (8,)
 
         Returns
         -------

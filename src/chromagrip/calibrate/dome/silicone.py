@@ -113,7 +113,7 @@ def _calculable() -> Iterator[None]:
 
 
 def _data(nominal: SensorCalibration, shifts: MarkerShifts, pressed: Pressed) -> Data:
-    """What the presses show."""
+    """Collect the measurements of the presses."""
     dome = nominal.sensor.dome
     both = [shifts(tracks, 0) for tracks in pressed.tracks]
     visible = np.array([mask for _, mask in both])

@@ -90,7 +90,7 @@ def find_corners(image: Picture, board: Board) -> tuple[NDArray[np.int64], Array
 
 
 def on_a_line(points: Array) -> bool:
-    """Whether the points (n, 3) lie on one line, which leaves the board's pose open."""
+    """Return True if points (n, 3) lie on one line, and so do not determine the board's pose."""
     return bool(np.linalg.matrix_rank(points - points[0]) < 2)
 
 

@@ -34,14 +34,14 @@ class Calibration:
 
     Attributes
     ----------
-    camera: the result
-    error: distance between corners found and projected, RMS over all corners [px]
-    images: the same for each image used, by its name [px]
-    corners: number of corners used
-    left_out: why an image was not used, by its name
+    camera: calibrated camera
+    error: RMS distance between found and projected corners [px]
+    images: the same for each used image, by its name [px]
+    corners: number of used corners
+    left_out: reason for omitting an image, by its name
     deviations: standard deviations of focal x and y [px], centre x and y [px], and distortion,
-        if the corners' errors are independent; 0 for a coefficient held at zero
-    reach: largest angle from the axis that a corner used was seen at [rad]
+        if the corners' errors are independent; 0 for a coefficient fixed at zero
+    reach: largest angle of a used corner from the axis [rad]
     """
 
     camera: FisheyeCamera | PinholeCamera
@@ -60,15 +60,15 @@ def calibrate_camera(
     tell: Callable[[str], None] = lambda text: None,
     max_megapixels: float = MEGAPIXELS,
 ) -> Calibration:
-    """Camera that took the images.
+    """Calibrate the camera that took the images.
 
     Parameters
     ----------
     files: images of the board in different poses, all of one size
-    board: that they show; the size of its squares does not matter
-    model: of the lens
-    tell: called with the current step, for a progress line
-    max_megapixels: largest image that is decoded
+    board: board in the images; the size of its squares does not matter
+    model: model of the lens, `fisheye` or `pinhole`
+    tell: function called with the current step, for a progress line
+    max_megapixels: largest image that is decoded [10⁶ pixels]
 
     Raises
     ------
@@ -100,7 +100,7 @@ def calibrate_camera(
     assert size is not None
     tell(f"calibrating from {len(views)} images")
     solve = calibrate_fisheye if model == "fisheye" else calibrate_pinhole
-    # Once more without outliers: at a glancing angle some corners are a pixel wrong.
+    # Repeat without outliers: at a glancing angle some corners are a pixel wrong.
     views = _without_outliers(solve(views, size, left_out), left_out)
     check_count(views, left_out)
     return _finish(solve(views, size, left_out), left_out)
@@ -109,11 +109,11 @@ def calibrate_camera(
 def _too_few(count: int) -> str:
     if count == 0:
         return "no board found"
-    return f"{count} corners found, at least {MIN_CORNERS} wanted"
+    return f"{count} corners found, at least {MIN_CORNERS} needed"
 
 
 def _without_outliers(fit: Fit, left_out: dict[str, str]) -> list[View]:
-    """Views without the corners whose error is far above the median."""
+    """Remove corners whose error is far above the median."""
     errors = fit.errors()
     limit = _OUTLIER * float(np.median(np.concatenate(errors)))
     kept = []
@@ -127,12 +127,12 @@ def _without_outliers(fit: Fit, left_out: dict[str, str]) -> list[View]:
 
 
 def _finish(fit: Fit, left_out: dict[str, str]) -> Calibration:
-    """The result.
+    """Check a fit and make the result.
 
     Raises
     ------
     UserError
-        When no lens fits, or the images leave the focal length open.
+        When no lens fits, or the images do not determine the focal length.
     """
     camera, errors = fit.camera, fit.errors()
     error = float(np.sqrt((np.concatenate(errors) ** 2).mean()))

@@ -1,4 +1,4 @@
-"""A dataset in the layouts of other tools: TAP-Vid, COCO keypoints, WebDataset, LeRobot."""
+"""Export a dataset in the layouts of other tools: TAP-Vid, COCO, WebDataset, LeRobot."""
 
 import io
 import json
@@ -20,11 +20,11 @@ from ..remote import fetched, staged
 from ..split import read_split
 from .lerobot import write_lerobot
 
-#: Called with the number of sequences that are done.
+#: Function called with the number of sequences done.
 Progress = Callable[[int], None]
-#: Sequences in a pickle: the reader holds them in memory.
+#: Number of sequences in a pickle: its reader holds all in memory.
 _PICKLED = 10
-#: Frames in a tar file.
+#: Number of frames in a tar file.
 _TARRED = 1000
 
 
@@ -38,15 +38,15 @@ def export(
 ) -> list[Path]:
     """Write a dataset in another layout; returns its files.
 
-    The files of every sequence are verified before they are read. The parts of a dataset that is
-    split get a folder each; LeRobot lists them as its splits.
+    The files of every sequence are verified before they are read. The parts of a split dataset get
+    a folder each; LeRobot lists them as its splits.
 
     Parameters
     ----------
-    folder: of the dataset
-    layout: of LAYOUTS, or lerobot
-    out: folder, new or empty; nothing of it is left where the export fails
-    progress: called after each sequence
+    folder: folder of the dataset, or its address
+    layout: name in LAYOUTS, or lerobot
+    out: folder, new or empty; it is removed if the export fails
+    progress: function called after each sequence with the number of sequences done
     follow_links: whether links in the folder may lead out of it, as in caches of hubs
 
     Raises
@@ -82,8 +82,8 @@ def export(
 def _write_tapvid(sequences: Iterator[Loaded], out: Path) -> None:
     """Pickles of name → video (T, H, W, 3), points (P, T, 2) from 0 to 1, occluded (P, T).
 
-    Points are counted from the corner of the first pixel, magenta markers before yellow ones. The
-    first frame is the rest.
+    Points are measured from the corner of the first pixel, magenta markers before yellow ones. The
+    first frame shows the sensor at rest.
     """
     batch: dict[str, dict[str, NDArray[Any]]] = {}
     numbers = count()
@@ -117,7 +117,7 @@ def _write_coco(sequences: Iterator[Loaded], out: Path) -> None:
     (out / "images").mkdir()
     images: list[dict[str, object]] = []
     names: list[str] = []
-    # Written one by one: 800 keypoints a picture would fill the memory.
+    # Written one by one: all pictures with 800 keypoints each would fill the memory.
     with (out / "annotations.json").open("w", encoding="utf-8") as file:
         file.write('{"annotations": [')
         for one in sequences:
@@ -126,7 +126,7 @@ def _write_coco(sequences: Iterator[Loaded], out: Path) -> None:
             if names and own != names:
                 raise UserError(
                     f"sequence {one.number} has {len(own)} markers, others {len(names)}; COCO "
-                    "wants one list of keypoints for all"
+                    "needs one list of keypoints for all"
                 )
             names = own
             for t in range(len(one.pictures)):
@@ -154,7 +154,7 @@ def _write_coco(sequences: Iterator[Loaded], out: Path) -> None:
 
 
 def _annotation(one: Loaded, t: int, number: int) -> dict[str, object]:
-    """Keypoints (x, y, v) of a frame; v is 2 where a marker is visible, else 0."""
+    """Keypoints (x, y, v) of a frame; v is 2 for a visible marker, else 0."""
     places, visible = one.places[t].reshape(-1, 2), one.visible[t].ravel()
     keypoints = np.zeros((len(places), 3))
     keypoints[visible] = np.column_stack([np.round(places[visible], 3), np.full(visible.sum(), 2)])

@@ -1,6 +1,6 @@
-"""Labels of the frames of a dataset: what they mean, how they are made, and the physics in them.
+"""Labels of the frames of a dataset: their columns, their truth and the physics behind them.
 
-Beside them stands what a reconstructor reads from the pictures, where a recipe asks for it.
+If a recipe asks for it, a reconstructor's estimates from the pictures are stored next to them.
 """
 
 from .columns import (

@@ -124,13 +124,13 @@ def _of_dome(dome: SoftBody, sample: Sample) -> Own:
 
 
 def _chain_labels(scene: Scene) -> Callable[[Sample], Own]:
-    """What labels a frame of a scene's chain."""
+    """Make the function that labels a frame of a scene's chain."""
     design, tip = scene.build_sensor(), scene.build_fingertip()
     carry = harmonic_map(design.shape, design.places, tip.nodes).scalar
     return partial(_of_chain, scene, tip, carry)
 
 
-#: What labels a frame, for each body.
+#: For each body: maker of the function that labels a frame of a scene.
 _OWN: dict[Body, Callable[[Scene], Callable[[Sample], Own]]] = {
     "chain": _chain_labels,
     "dome": lambda scene: partial(_of_dome, scene.build_dome()),

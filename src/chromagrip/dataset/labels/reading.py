@@ -1,6 +1,6 @@
-"""What a reconstructor reads from the pictures of a sequence: a baseline beside the labels.
+"""Estimates of a reconstructor from the pictures of a sequence: a baseline next to the labels.
 
-It knows the pictures, that of the sensor at rest, the design of the sensor and the camera's noise.
+It gets the pictures, the picture at rest, the design of the sensor and the camera's noise.
 """
 
 import math

@@ -137,7 +137,7 @@ def read_table(
 
 
 def damaged(path: Path, reason: str) -> UserError:
-    """What is said of a damaged file of a dataset."""
+    """Refusal of a damaged file of a dataset."""
     return UserError(f"{path} is damaged: {reason}; {MEND}")
 
 

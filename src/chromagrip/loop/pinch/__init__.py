@@ -1,1 +1,1 @@
-"""What a run of two fingers is recorded and shown as."""
+"""Pictures, plots and video of a run with two fingers."""

@@ -1,4 +1,4 @@
-"""Plots of a pinch that fill as time goes on: axes are drawn once, curves are painted on them."""
+"""Plots of a pinch that fill with time: axes are drawn once, curves are painted on them."""
 
 import math
 from dataclasses import dataclass, field
@@ -21,13 +21,13 @@ Colour = tuple[int, int, int]
 
 Curves = dict[str, list[float]]
 
-#: Lowest and highest margin that is drawn.
+#: Lowest and highest drawn margin.
 MARGINS = (-0.15, 1.05)
 #: Highest force of the axes at first; it grows by steps [N].
 FIRST_FORCE = 5.0
-#: Pixels of an inch of matplotlib's.
+#: Pixels of an inch in matplotlib.
 _DPI = 100
-#: Columns of a trace that are drawn of each finger.
+#: Columns of a trace drawn for each finger.
 MARGIN_NAMES = (
     "margin_true",
     "margin_estimated",
@@ -36,7 +36,7 @@ MARGIN_NAMES = (
     "limit_margin_low",
     "limit_margin_high",
 )
-#: Columns of a trace that are drawn of the grip.
+#: Columns of a trace drawn in the plot of forces.
 FORCE_NAMES = ("grip_n", "table_n")
 
 
@@ -45,7 +45,7 @@ def _rgb(colour: str) -> Colour:
     return red, green, blue
 
 
-#: Colours of the truth, of what was estimated, of its interval, and of further lines.
+#: Colours of the truth, the estimates and further lines, and of the estimates' intervals.
 TRUTH, SEEN, OTHER = _rgb(TRUE), _rgb(ESTIMATED), _rgb(LOAD)
 _BAND = "#f6decb"
 BAND = _rgb(_BAND)
@@ -53,13 +53,13 @@ BAND = _rgb(_BAND)
 
 @dataclass(frozen=True, kw_only=True)
 class Courses:
-    """Values of all frames so far; NaN where there is none.
+    """Values of all frames so far; NaN if unknown.
 
     Attributes
     ----------
-    times: of the frames [s]
-    margins: by `MARGIN_NAMES` of each finger
-    forces: by `FORCE_NAMES` [N]
+    times: times of the frames [s]
+    margins: margins of each finger, by `MARGIN_NAMES`
+    forces: forces by `FORCE_NAMES` [N]
     """
 
     times: list[float] = field(default_factory=list)
@@ -88,8 +88,8 @@ class Panel:
 
     Attributes
     ----------
-    left, right, bottom, top: their edges [px]; the rows are counted downwards
-    duration: time at the right edge; 0 is the left one [s]
+    left, right, bottom, top: edges of the axes [px]; rows are counted downwards
+    duration: time at the right edge [s]; the left edge is at 0
     low, high: values at the lower and upper edge
     """
 
@@ -102,7 +102,7 @@ class Panel:
     high: float
 
     def pixels(self, times: Array, values: Array) -> Array:
-        """Places of values in the picture [px], shape (N, 2); values beyond an edge lie on it."""
+        """Places of values in the picture [px], shape (N, 2); values are clipped to the edges."""
         across = self.left + times / self.duration * (self.right - self.left)
         share = (np.clip(values, self.low, self.high) - self.low) / (self.high - self.low)
         return np.stack([across, self.bottom + share * (self.top - self.bottom)], axis=-1)
@@ -114,9 +114,9 @@ class CoursePlot:
     Parameters
     ----------
     size: width and height [px]
-    duration: of the scene [s]
-    desired: margin that is to be held, which has a line; None where there is none
-    kind: what the second kind of curve is, such as `estimated`
+    duration: length of the scene [s]
+    desired: margin that the controller aims at, drawn as a line; None: no line
+    kind: word for the controller's values, such as `estimated`
     """
 
     def __init__(
@@ -202,7 +202,7 @@ class CoursePlot:
 
 
 def _panel(axes: "Axes", height: int, duration: float) -> Panel:
-    """Where axes lie in the picture."""
+    """Place of axes in the picture."""
     box = axes.get_window_extent()
     low, high = axes.get_ylim()
     return Panel(
@@ -214,14 +214,14 @@ def _panel(axes: "Axes", height: int, duration: float) -> Panel:
 def paint_curve(
     picture: Image, panel: Panel, times: Array, values: Array, colour: Colour, width: int
 ) -> None:
-    """Paint a curve, with gaps where it is not known."""
+    """Paint a curve, with gaps at unknown values."""
     for part in _known(np.isfinite(values)):
         points = np.rint(16.0 * panel.pixels(times[part], values[part])).astype(np.int32)
         cv2.polylines(picture, [points], False, colour, width, cv2.LINE_AA, shift=4)
 
 
 def paint_band(picture: Image, panel: Panel, times: Array, low: Array, high: Array) -> None:
-    """Paint what lies between two curves, where both are known."""
+    """Paint the area between two curves, where both are known."""
     for part in _known(np.isfinite(low) & np.isfinite(high)):
         there = panel.pixels(times[part], low[part])
         back = panel.pixels(times[part], high[part])[::-1]
@@ -236,7 +236,7 @@ def _paint_level(picture: Image, panel: Panel, level: float) -> None:
 
 
 def _known(known: NDArray[np.bool_]) -> list[slice]:
-    """Runs of what is known."""
+    """Runs of consecutive known values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(np.int8)))
     return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 

@@ -1,4 +1,4 @@
-"""A picture of solids in space, from one side: rays are followed along the shapes' distances."""
+"""A picture of solids in space from one side, by ray marching along the shapes' distances."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-#: Distance at which a ray has met a shape, in pixels.
+#: Distance at which a ray has met a shape [px].
 _MET = 0.2
 #: Brightness of a surface that the light does not reach.
 _DARK = 0.45
@@ -28,11 +28,11 @@ class Body:
 
     Attributes
     ----------
-    shape: in its own frame
-    place, rotation: of that frame in the world [m], shapes (3,) and (3, 3)
-    colour: RGB
+    shape: shape in its own frame
+    place, rotation: place [m] and rotation of that frame in the world, shapes (3,) and (3, 3)
+    colour: colour, RGB
     above, other: direction in the shape's own frame, shape (3,), and colour of the half of the
-        shape on that side of its origin, so that a turn is seen; None is one colour
+        shape on that side of its origin, which shows a turn (default: one colour)
     """
 
     shape: Shape
@@ -56,9 +56,9 @@ class Viewpoint:
 
     Attributes
     ----------
-    middle: point that is drawn in the middle [m], shape (3,)
+    middle: point in the middle of the picture [m], shape (3,)
     right, up: unit vectors of the world along the picture, shape (3,)
-    width, height: of the picture [px]
+    width, height: size of the picture [px]
     pixel: side of a pixel [m]
     """
 
@@ -90,9 +90,9 @@ def look_from(
     ----------
     middle: see `Viewpoint`
     right, up: unit vectors of the plane, perpendicular to each other
-    above: angle by which one looks down [rad]
-    size: width and height [px]
-    span: width of what is drawn [m]
+    above: angle of the view downwards [rad]
+    size: width and height of the picture [px]
+    span: width of the drawn part of the world [m]
     """
     out = np.cross(right, up)
     return Viewpoint(
@@ -111,7 +111,7 @@ def draw_bodies(bodies: Sequence[Body], view: Viewpoint) -> Image:
     Raises
     ------
     UserError
-        For a body without an end.
+        For a body of infinite size.
     """
     light = 0.35 * view.up + 0.25 * view.right + view.towards
     light /= np.linalg.norm(light)
@@ -124,7 +124,7 @@ def draw_bodies(bodies: Sequence[Body], view: Viewpoint) -> Image:
         above = np.zeros(3) if body.above is None else np.ascontiguousarray(body.above, float)
         reach = float(np.linalg.norm(np.abs(shape.bounds).max(axis=0)))
         if not np.isfinite(reach):
-            raise UserError(f"a {shape.name} without an end cannot be drawn")
+            raise UserError(f"a {shape.name} of infinite size cannot be drawn")
         draw_solid(
             shape.kind, shape.numbers, shape.grid, shape.origin, shape.cells, reach,
             own @ (corner - body.place), own @ (view.pixel * view.right),
@@ -136,7 +136,7 @@ def draw_bodies(bodies: Sequence[Body], view: Viewpoint) -> Image:
 
 
 def _window(body: Body, view: Viewpoint) -> NDArray[np.int64]:
-    """First row, row after the last, and the same of columns, that hold a body, shape (4,)."""
+    """First row, row after the last, and the same for columns, of a body, shape (4,)."""
     x, y = view.project(body.corners).T
     rows = np.clip([np.floor(y.min()), np.ceil(y.max()) + 1.0], 0, view.height)
     columns = np.clip([np.floor(x.min()), np.ceil(x.max()) + 1.0], 0, view.width)

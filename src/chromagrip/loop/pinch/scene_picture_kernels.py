@@ -1,4 +1,4 @@
-"""Compiled drawing of a solid by following rays. `scene_picture.py` documents the use."""
+"""Compiled drawing of a solid by ray marching, for `scene_picture.py`."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Index = NDArray[np.int64]
 
-#: Steps of a ray at most.
+#: Largest number of steps of a ray.
 _STEPS = 100
 
 
@@ -36,24 +36,24 @@ def draw_solid(
     nearest: Array,
     picture: Image,
 ) -> None:
-    """Draw a shape where it is in front of what is drawn; all vectors in the shape's own frame.
+    """Draw a shape in front of farther ones; all vectors are in the shape's own frame.
 
     Parameters
     ----------
-    kind, numbers, grid, origin, cells: of the shape, see `distance`
-    reach: radius of a ball around it [m]
+    kind, numbers, grid, origin, cells: shape, see `distance`
+    reach: radius of a ball around the shape [m]
     corner: place of the picture's first pixel [m], (3,)
     right, down: steps to the next pixel along a row, and to the next row [m], (3,)
     back: unit vector from the picture to the eye, (3,)
     met: distance at which a ray has met the shape [m]
     light: unit vector to the light, (3,)
-    dark: brightness of what the light does not reach
-    colour: RGB, (3,)
-    above: direction of the half that has the other colour, (3,); zeros are none
-    other: its colour, RGB, (3,)
-    window: first row, row after the last, and the same of columns, where the shape may be, (4,)
-    nearest: height above the picture's plane of what is drawn [m], (H, W) (changed)
-    picture: RGB, (H, W, 3) (changed)
+    dark: brightness of surfaces that the light does not reach
+    colour: colour, RGB, (3,)
+    above: direction of the half with the other colour, (3,); zeros: one colour
+    other: colour of that half, RGB, (3,)
+    window: first row, row after the last, and the same for columns, of the shape, (4,)
+    nearest: height of the drawn surface above the picture's plane [m], (H, W) (changed)
+    picture: picture, RGB, (H, W, 3) (changed)
     """
     start = np.empty(3)
     for row in range(window[0], window[1]):

@@ -22,18 +22,18 @@ HOUSING: Colour = (85, 88, 95)
 TABLE: Colour = (190, 178, 160)
 LOWER: Colour = (214, 150, 60)
 UPPER: Colour = (250, 214, 130)
-#: Colours of lines and of what is marked.
+#: Colours of lines and marks.
 INK: Colour = (60, 60, 60)
 PALE: Colour = (150, 150, 150)
-#: Angle by which one looks down [rad].
+#: Angle of the view downwards [rad].
 ABOVE = 0.3
 #: Length of a finger's housing, as a share of its radius.
 _HOUSING = 1.1
-#: What is left free around the path, as a share of the picture.
+#: Free border around the path, as a share of the picture.
 _FREE = 0.06
-#: Thickness of the table, and its border beside the object [m].
+#: Thickness of the table, and its border around the object [m].
 _TABLE, _BORDER = 6e-3, 2e-3
-#: Instants of the path that the picture must hold.
+#: Number of instants of the path that the picture must hold.
 _INSTANTS = 120
 #: Place of the scale of heights from the left [px].
 _SCALE = 40
@@ -43,18 +43,18 @@ DOWN, AXIS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, kw_only=True)
 class Stage:
-    """What stays the same in all pictures of a pinch.
+    """Pinch, table and viewpoints, which stay the same in all its pictures.
 
     The world's x is down in the picture, and its z to the right: from the first finger to the
     second one.
 
     Attributes
     ----------
-    pinch: that is shown
-    bases: of the fingertips in the hand [m], each (3,)
-    start: pinch's centre of mass at the start [m], shape (3,)
-    table: that the object stands on; None is none
-    side: viewpoint in front of the pinch, which holds the whole path
+    pinch: pinch that is shown
+    bases: origins of the fingertips in the hand [m], each (3,)
+    start: centre of mass of the object at the start [m], shape (3,)
+    table: table on which the object stands; None: no table
+    side: viewpoint in front of the pinch, which shows the whole path
     along: viewpoint from the first finger, in the hand's frame
     """
 
@@ -69,13 +69,14 @@ class Stage:
 def set_stage(
     pinch: Pinch, duration: float, size: tuple[int, int], small: tuple[int, int]
 ) -> Stage:
-    """Stage of a pinch.
+    """Set the stage of a pinch.
 
     Parameters
     ----------
-    duration: of the path that the picture must hold [s]
+    pinch: pinch that is shown
+    duration: length of the path that the picture must hold [s]
     size: width and height of the picture from the side [px]
-    small: of that along the pinch [px]
+    small: width and height of the picture along the pinch [px]
     """
     base = bases(pinch)
     bodies = [
@@ -103,7 +104,7 @@ def set_stage(
 
 
 def draw_side(stage: Stage, now: Pinched) -> Image:
-    """Picture from the side, with a scale of heights, RGB."""
+    """Draw the picture from the side, with a scale of heights, RGB."""
     posed = _now(stage, now, stage.pinch.hand.at(now.state.time))
     table = [] if stage.table is None else [stage.table]
     picture = draw_bodies([*posed, *table], stage.side)
@@ -118,7 +119,7 @@ def draw_side(stage: Stage, now: Pinched) -> Image:
 
 
 def draw_along(stage: Stage, now: Pinched) -> Image:
-    """Picture in the hand, from the first finger, which is a ring, towards the second one, RGB."""
+    """Draw the picture in the hand, from the first finger (a ring) towards the second, RGB."""
     object_, *others = _now(stage, now, (np.zeros(3), np.eye(3)))
     silicone = others[2]
     picture = draw_bodies([object_, silicone], stage.along)
@@ -140,7 +141,7 @@ def draw_mass(picture: Image, at: tuple[int, int]) -> None:
 
 
 def _now(stage: Stage, now: Pinched, hand: tuple[Array, Array]) -> list[Body]:
-    """Object and fingers as they are, with the hand in some pose."""
+    """Object and fingers at an instant, with the hand in a given pose."""
     state = now.state
     place = state.first.place + stage.bases[0] + state.closing * AXIS
     its = (place, state.first.rotation)
@@ -158,7 +159,11 @@ def _posed(
 
     Parameters
     ----------
-    its: place and rotation of the object in the hand; None is the start
+    pinch: pinch that is shown
+    base: origins of the fingertips in the hand [m]
+    hand: place [m] and rotation of the hand
+    closing: distance that each finger closed [m]
+    its: place [m] and rotation of the object in the hand (default: those at the start)
     """
     origin, turn = hand
     start = rotation_by(np.array(pinch.turned))
@@ -183,7 +188,7 @@ def _posed(
     return bodies
 
 
-#: Puts a shape's own axis y along −z.
+#: Turns a shape's own y axis along −z.
 _STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
@@ -207,7 +212,7 @@ def _parts(dome: SoftBody, colour: Colour) -> tuple[tuple[Shape, float, Colour],
 
 
 def _table(pinch: Pinch, start: Body) -> Body:
-    """Slab right below the object at the start, no wider than leaves room for the fingers."""
+    """Slab right below the object at the start, narrow enough for the fingers."""
     y, z = np.ptp(start.corners[:, 1:], axis=0) + 2.0 * _BORDER
     # Turned so that the world's x is the shape's z, which `reach_down` measures.
     low = reach_down(start.shape, np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) @ start.rotation)
@@ -220,7 +225,7 @@ def _reach(shape: Shape) -> float:
 
 
 def _holding(points: Array, size: tuple[int, int]) -> Viewpoint:
-    """Viewpoint in front of the pinch that holds points, with the scale of heights at its left."""
+    """Viewpoint in front of the pinch that shows all points and the scale at the left."""
     guess = look_from(np.zeros(3), AXIS, -DOWN, above=ABOVE, size=size, span=1.0)
     across, up = points @ guess.right, points @ guess.up
     width, height = size[0] - _SCALE, size[1]
@@ -233,7 +238,7 @@ def _holding(points: Array, size: tuple[int, int]) -> Viewpoint:
 
 
 def _draw_heights(picture: Image, stage: Stage, centre: Array) -> None:
-    """Scale of the rise of the centre of mass since the start, with a mark where it is."""
+    """Draw the scale of the rise of the centre of mass since the start, with a mark at it."""
     view, high = stage.side, view_height(stage)
     step = next(s for s in (5, 10, 20, 50, 100, 200, 500, 1000, 10_000) if high <= 6 * s)
     for rise in range(0, high + 1, step):
@@ -259,7 +264,7 @@ def _draw_heights(picture: Image, stage: Stage, centre: Array) -> None:
 
 
 def view_height(stage: Stage) -> int:
-    """Height above the start that the scale shows [mm]."""
+    """Largest height above the start on the scale [mm]."""
     view = stage.side
     start = _pixel(view, stage.start)[1]
     one = start - _pixel(view, stage.start - 1.0 * DOWN)[1]  # pixels of a metre
@@ -267,7 +272,7 @@ def view_height(stage: Stage) -> int:
 
 
 def _draw_down(picture: Image, view: Viewpoint, down: Array) -> None:
-    """Arrow along gravity in a corner; short where gravity is along the view."""
+    """Draw an arrow along gravity in a corner; it is short if gravity is along the view."""
     start = np.array([20.0, 16.0])
     along = np.array([down @ view.right, -(down @ view.up)])
     a, b = (tuple(int(v) for v in np.rint(p)) for p in (start, start + 28.0 * along))

@@ -30,7 +30,7 @@ WIDTH, HEIGHT = 1280, 720
 HEAD = 32
 #: Side of a camera's picture and of a traction [px].
 SIDE = 232
-#: Magnification of a traction as long as the contact is in its middle.
+#: Magnification of a traction while the contact is in its middle.
 ZOOM = 2
 #: Width and height of the scene from the side [px].
 SCENE = (1280 - 3 * SIDE, 2 * SIDE)
@@ -47,23 +47,23 @@ _WHITE = 255
 
 
 class PinchVideo(VideoFile):
-    """Pictures of a pinch: 1280 × 720, at the rate and the slow-down of a grasp's video.
+    """Video of a pinch: 1280 × 720, at the rate and the slow-down of a grasp's video.
 
-    Everything is turned so that a finger's x, along which it feels the weight, points down. Cameras
-    and tractions are seen from inside the finger.
+    Everything is turned so that a finger's x, along which the weight acts, points down. Cameras
+    and tractions show the view from inside the finger.
 
     Parameters
     ----------
-    path: of the video
-    scene: of two fingers
+    path: path of the video
+    scene: scene of two fingers
     """
 
     def __init__(self, path: Path, scene: Scene) -> None:
         super().__init__(path, FPS, QUALITY, SEEKABLE)
-        self._scene, self._seen = scene, scene.path == "camera"
+        self._scene, self._camera = scene, scene.path == "camera"
         pinch = build_pinch(scene)
         self.stage = set_stage(pinch, scene.duration_s, SCENE, (SIDE, SIDE - CAPTION))
-        domes = [each.build_sensor().dome for each in fingers(scene)] if self._seen else []
+        domes = [each.build_sensor().dome for each in fingers(scene)] if self._camera else []
         self._tractions = [
             TractionPicture(dome, ZOOM * SIDE) for dome in domes or (pinch.first, pinch.second)
         ]
@@ -76,7 +76,7 @@ class PinchVideo(VideoFile):
         self._slot = -1
 
     def due(self, sample: Sample) -> bool:
-        """Take a frame into the plots; whether its picture is due."""
+        """Add a frame to the plots; returns True if its picture is due."""
         if not self.courses.times:
             self._start = float(sample.pinch.state.moving.place[0])
         self.courses.add(sample)
@@ -86,11 +86,11 @@ class PinchVideo(VideoFile):
         return due
 
     def show(self, sample: Sample, frames: Sequence[Frame]) -> None:
-        """Append the picture of a frame that was added."""
+        """Append the picture of a frame that was added by `due`."""
         self.append(self.compose(sample, frames), self._slot)
 
     def compose(self, sample: Sample, frames: Sequence[Frame]) -> Image:
-        """Picture of a frame, RGB, (720, 1280, 3)."""
+        """Compose the picture of a frame, RGB, (720, 1280, 3)."""
         whole = np.full((HEIGHT, WIDTH, 3), _WHITE, np.uint8)
         tractions = self._draw_tractions(sample)
         for k, left in enumerate((0, WIDTH - SIDE)):
@@ -109,15 +109,15 @@ class PinchVideo(VideoFile):
         return whole
 
     def _draw_tractions(self, sample: Sample) -> list[Image]:
-        """Both tractions, with one scale, as a camera sees them."""
+        """Draw both tractions, with one scale, from the cameras' side."""
         shown: list[tuple[ForceField, float]] = []
         for contact, reading in zip(sample.pinch.fingers, sample.readings, strict=True):
-            seen = reading.observation
-            if self._seen and seen is not None:
-                shown.append((seen.field, seen.friction))
+            observation = reading.observation
+            if self._camera and observation is not None:
+                shown.append((observation.field, observation.friction))
             else:
                 shown.append((contact.field, contact.friction))
-        for _ in range(2):  # once more where the scale of one has grown
+        for _ in range(2):  # once more if the scale of one has grown
             pictures = [
                 each.draw(*values) for each, values in zip(self._tractions, shown, strict=True)
             ]
@@ -133,7 +133,7 @@ class PinchVideo(VideoFile):
         return [self._shown(*each) for each in zip(self._tractions, pictures, strict=True)]
 
     def _shown(self, traction: TractionPicture, picture: Image) -> Image:
-        """A traction as a camera sees it, with its length of 5 mm."""
+        """Turn a traction to the camera's side, and add a scale of 5 mm."""
         turned = np.ascontiguousarray(picture.transpose(1, 0, 2))
         if self._zoomed:
             first = (ZOOM - 1) * SIDE // 2
@@ -141,7 +141,7 @@ class PinchVideo(VideoFile):
         else:
             size = (SIDE, SIDE)
             turned = np.asarray(cv2.resize(turned, size, interpolation=cv2.INTER_AREA), np.uint8)
-        write(turned, "estimated traction" if self._seen else "true traction", (6, 14), INK)
+        write(turned, "estimated traction" if self._camera else "true traction", (6, 14), INK)
         pixels = traction.pixels if self._zoomed else traction.pixels / ZOOM
         right, row = SIDE - 8, SIDE - 8
         cv2.line(turned, (round(right - 5e-3 * pixels), row), (right, row), INK, 2)
@@ -170,7 +170,7 @@ class PinchVideo(VideoFile):
         return self._start - float(sample.pinch.state.moving.place[0])
 
     def _head(self, whole: Image, sample: Sample) -> None:
-        """Line of text above everything."""
+        """Write the line of text above the pictures."""
         scene = self._scene
         outcome = sample.pinch.record.outcome(scene.pinch.limits)
         weight = 9.81 * self.stage.pinch.body_at(sample.time).mass
@@ -189,7 +189,7 @@ class PinchVideo(VideoFile):
 
 
 def _upright(image: Image) -> Image:
-    """Middle of a camera's picture, turned so that the finger's x points down."""
+    """Crop the middle of a camera's picture, and turn the finger's x downwards."""
     height, width = image.shape[:2]
     side = min(height, width)
     top, left = (height - side) // 2, (width - side) // 2
@@ -199,7 +199,7 @@ def _upright(image: Image) -> Image:
 
 
 def _shade(colour: Colour) -> Colour:
-    """A colour that is read on black."""
+    """Lighter colour, readable on black."""
     red, green, blue = (min(255, value + 60) for value in colour)
     return red, green, blue
 

@@ -32,10 +32,10 @@ class Pinched:
 
     Attributes
     ----------
-    solid: the object as it is then
-    state: of the pinch
+    solid: object with its friction and stiffness at that instant
+    state: state of the pinch
     fingers: contact of each fingertip, in its own frame
-    record: of the pinch so far
+    record: record of the pinch so far
     """
 
     solid: Solid
@@ -45,11 +45,11 @@ class Pinched:
 
 
 class PinchPlant:
-    """Two domes under a scene's drive, and a hand on its path; as a `Plant` of the loop.
+    """Two domes under a scene's drive, and a hand on its path; a `Plant` of the loop.
 
     Parameters
     ----------
-    scene: with a pinch
+    scene: scene of two fingers
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -75,7 +75,7 @@ class PinchPlant:
         Raises
         ------
         UserError
-            When the silicone cannot go on.
+            When the model fails.
         """
         clock = self.clock
         times = index * clock.frame + (np.arange(clock.steps) + 0.5) * clock.step
@@ -97,7 +97,7 @@ class PinchPlant:
         )
 
     def changed(self, world: World[Pinched], scene: Scene) -> World[Pinched]:
-        """World from which to go on with the µ and the stiffness of another scene."""
+        """World with the µ and the stiffness of another scene, see `Plant`."""
         self._solid = changed_solid(self._solid, self.scene.object, scene.object)
         self.scene = scene
         return world
@@ -118,7 +118,7 @@ class PinchPlant:
     def _fingers(
         self, solid: Solid, state: PinchState, last: Pinched | None
     ) -> tuple[Contact, Contact]:
-        """Contact of each finger in a state, after an earlier one; None is the start."""
+        """Contact of each finger in a state; `last` is the pinch before, None at the start."""
         domes, starts = (self.pinch.first, self.pinch.second), _skins(self._start)
         contacts = []
         for k, after in enumerate(_skins(state)):

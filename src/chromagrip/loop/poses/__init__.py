@@ -1,1 +1,1 @@
-"""Single pictures: an object is put on the fingertip, and its picture taken with all its truth."""
+"""Single pictures: render an object on the fingertip, with ground truth."""

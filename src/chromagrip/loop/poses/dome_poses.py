@@ -1,4 +1,4 @@
-"""An object pressed on a dome and moved, and the contact that it leaves."""
+"""An object pressed on a dome and moved, and the resulting contact."""
 
 import math
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ Array = NDArray[np.float64]
 
 #: Longest step of a press or a shear [m] and of a twist [rad], and the least number of steps.
 STEP, TURN, FEWEST = 20e-6, math.radians(0.5), 12
-#: Under forces the object creeps: time to put them on, and to come to rest [s].
+#: Under forces the object creeps: times to apply them and to come to rest, and longest step [s].
 LOADING, RESTING, CREEP = 1.0, 1.0, 5e-3
-#: Dampers of an object under forces [N·s/m, N·m·s], which are gone when it is at rest.
+#: Dampers of an object under forces [N·s/m, N·m·s]; they have no effect at rest.
 DRAG = (5.0, 5.0, 5.0, 1e-4, 1e-4, 1e-4)
 #: Longest motion of an object along an axis [m], and about the dome's axis [rad].
 _FAR, _TURNS = 1.0, 20.0 * math.pi
-#: Decimals of forces [N] and torques [N·mm]; further ones are the solver's.
+#: Decimals of forces [N] and torques [N·mm]; further ones are errors of the solver.
 _FORCE_DIGITS, _TORQUE_DIGITS = 5, 4
 #: Share of the friction limit above which a node slips.
 SLIPPING = 0.999
@@ -51,17 +51,17 @@ DOME_ARRAYS = OF_EACH | {
 
 @dataclass(frozen=True, kw_only=True)
 class DomePose:
-    """Where an object goes on a dome: it is tilted and turned, then pressed, sheared and twisted.
+    """Pose of an object on a dome: it is tilted and turned, then pressed, sheared and twisted.
 
     Attributes
     ----------
-    press: depth along −z from the first touch [m]; under a force it is found
+    press: depth along −z from the first touch [m]; not used with a force
     shear: displacement along x and y [m]
     twist: turn about z after the press [rad]
     tilt: turns about x and y before the press [rad]
     azimuth: turn about z before the press [rad]
-    force: on the object along x and y, and along −z, instead of press and shear [N]; None is none
-    moment: about z, instead of the twist [N·m]; None is none
+    force: force on the object along x, y and −z, instead of press and shear [N]; None: no force
+    moment: torque about z, instead of the twist [N·m]; None: no torque
     """
 
     press: float = 0.0
@@ -75,12 +75,12 @@ class DomePose:
     arrays: ClassVar[dict[str, str]] = DOME_ARRAYS
 
     def settled(self, scene: Scene) -> Settled:
-        """Contact of the dome or the pad in the pose."""
+        """Settle the dome or the pad in the pose."""
         state, contact = settle_dome(scene, self)
         return Settled(pose=self, state=state, field=contact, friction=scene.object.friction)
 
     def words(self, settled: Settled) -> str:
-        """What was done to the object."""
+        """Describe the motion of the object in words."""
         if self.force is not None:
             parts = ["held with {:z.2g}, {:z.2g} and {:z.2g} N".format(*self.force)]
         else:
@@ -97,7 +97,7 @@ class DomePose:
         return scene.build_solid().shape.name
 
     def entry(self, settled: Settled) -> Entry:
-        """How the object was put on the dome."""
+        """Pose of the object for `poses.json`."""
         entry: Entry = {
             "tilt_deg": np.degrees(self.tilt).tolist(),
             "azimuth_deg": math.degrees(self.azimuth),
@@ -113,7 +113,7 @@ class DomePose:
         return entry
 
     def sums(self, scene: Scene, shot: Shot) -> Entry:
-        """Sums of the forces with torques, and the deepest point."""
+        """Sums of the forces, torques, and depth of the deepest point, for `poses.json`."""
         field, friction = _forces(shot), shot.settled.friction
         limit = margin_within(field, friction)
         torque = [1e3 * field.torque(axis) for axis in np.eye(3)]
@@ -129,13 +129,13 @@ class DomePose:
     def seen(
         self, scene: Scene, settled: Settled, truth: TruthMap, drive: Array
     ) -> tuple[Array, NDArray[np.float32] | None]:
-        """Displacements of the nodes, and the traction where the image shows it."""
+        """Displacements of the nodes [m], and the traction at each pixel [Pa]."""
         dome, state = scene.build_dome(), cast("DomeState", settled.state)
         traction = truth.skin_image(drive, state.forces / lattice(dome).areas[:, None])
         return displacements(dome, state), traction
 
     def further(self, scene: Scene, shot: Shot) -> Sequence[Any]:
-        """Displacements, forces, and where the object is."""
+        """Arrays of displacements, forces, and the object's place."""
         field, state = _forces(shot), cast("DomeState", shot.settled.state)
         assert shot.traction is not None
         slips = field.friction_sizes > SLIPPING * shot.settled.friction * field.normal
@@ -154,11 +154,13 @@ def _forces(shot: Shot) -> ForceField:
 
 
 def settle_dome(scene: Scene, pose: DomePose) -> tuple[DomeState, ForceField]:
-    """State of a scene's dome under its object in a pose, and the contact forces.
+    """Settle a scene's dome under its object in a pose; returns state and contact forces.
 
     Raises
     ------
-    UserError: for a press too deep, a contact that does not converge, a load that slides off
+    UserError
+        For a press that is too deep, a contact that does not converge, and a load under which the
+        object slides.
     """
     _refuse_far(pose)
     dome, solid = scene.build_dome(), scene.build_solid()
@@ -177,7 +179,7 @@ def settle_dome(scene: Scene, pose: DomePose) -> tuple[DomeState, ForceField]:
 
 
 def _refuse_far(pose: DomePose) -> None:
-    """Refuse a motion that would take for ever."""
+    """Refuse a motion that would take too long to compute."""
     if max(abs(pose.press), *map(abs, pose.shear)) > _FAR or abs(pose.twist) > _TURNS:
         raise UserError(
             f"press and shear must be at most {1e3 * _FAR:g} mm, the twist at most "
@@ -186,11 +188,11 @@ def _refuse_far(pose: DomePose) -> None:
 
 
 def path_to(scene: Scene, pose: DomePose) -> Array:
-    """Poses on the way to a pose: the first touch, the end of the press, and evenly on from there.
+    """Poses on the way to a pose: the first touch, the end of the press, and even steps from there.
 
     Returns
     -------
-    Shape (parts + 2, 6), as `Motion.poses` has them.
+    poses as in `Motion.poses` [m, rad], shape (parts + 2, 6)
     """
     beginning = build_pose(scene.object)
     turned = (

@@ -23,8 +23,8 @@ from .preview import draw_preview
 
 FORMAT = "chromagrip render 1"
 #: First line of the scene.
-_SCENE = "Everything these pictures were made from but their poses, which are in poses.json"
-#: Folder of the previews: beside the images they would be read as frames of another size.
+_SCENE = "Everything these pictures were made from except their poses, which are in poses.json"
+#: Folder of the previews, so that they are not read as frames of another size.
 PREVIEWS = "previews"
 
 
@@ -49,20 +49,20 @@ def render_poses(
     progress: Callable[[int, int], None] = lambda done, total: None,
     again: str | None = None,
 ) -> Report:
-    """Take a picture of each pose; with a folder, write them with their truth and previews.
+    """Render each pose; with a folder, write pictures, ground truth and previews.
 
     Parameters
     ----------
-    scene: object, fingertip, sensor, renderer, defects, noise and seed
-    poses: of the fingertip
-    out: folder, made if missing
-    overwrite: write into a folder that is not empty, over an earlier result
-    progress: called after every picture
-    again: command that takes the same pictures of the scene.toml that is written
+    scene: scene with object, fingertip, sensor, renderer, defects, noise and seed
+    poses: poses of the object
+    out: folder, made if missing; None: no files are written
+    overwrite: whether to write into a folder that is not empty, over an earlier result
+    progress: function called after every picture with the number of pictures done and of all
+    again: command that renders the same pictures from the written scene.toml
 
     Returns
     -------
-    Contents of `poses.json`.
+    contents of `poses.json`
 
     Raises
     ------
@@ -71,7 +71,7 @@ def render_poses(
     """
     if not poses:
         raise UserError("render_poses needs at least one pose")
-    # Every pose is settled first, so that one that cannot be held leaves no half-written folder.
+    # Every pose is settled first, so that no half-written folder remains if one is refused.
     settled = []
     for pose in poses:
         settled.append(pose.settled(scene))
@@ -94,7 +94,7 @@ def render_poses(
                 "renderer": scene.renderer,
                 "again": again,
                 "files": {
-                    "scene.toml": "everything this was made from but the poses",
+                    "scene.toml": "everything this was made from except the poses",
                     "camera.yml": "the camera, in OpenCV's format",
                     "rest.png": "the unloaded sensor, same specimen and noise",
                 },
@@ -117,7 +117,7 @@ def render_poses(
 
 
 def _shots(scene: Scene, settled: list[Settled], out: Path | None) -> Iterator[Shot]:
-    """Pictures of settled poses, in order; the rest frame is written on the way."""
+    """Render settled poses in order; the rest frame is written first."""
     sensor = TactileSensor.of_scene(scene)
     truth, rest = TruthMap(sensor.design, sensor.body.carrier), sensor.body.untouched()
     with closing(sensor.camera) as camera, one_thread():

@@ -1,4 +1,4 @@
-"""An object that goes to a pose on a dome in real time, seen once a frame."""
+"""An object that moves to a pose on a dome in real time, observed once a frame."""
 
 import math
 from collections.abc import Iterator
@@ -17,23 +17,23 @@ from .dome_poses import DomePose, path_to
 
 Array = NDArray[np.float64]
 
-#: Share of a scene's duration in which the object is pressed; in the rest it is moved.
+#: Share of a scene's duration in which the object is pressed; then it is moved.
 PRESSING = 0.4
 #: Longest step of the silicone: motion [m] and turn [rad] of the object.
 STEP, TURN = 50e-6, math.radians(1.5)
 
 
 def moves(scene: Scene, pose: DomePose) -> Iterator[Contact]:
-    """Contact at every frame of a scene whose object is pressed, then sheared and twisted.
+    """Yield the contact at every frame of a scene whose object is pressed, sheared and twisted.
 
-    The object begins where it touches the dome, is pressed in the first 0.4 of the scene's duration
-    and reaches the pose at its end. Of the skin only the nodes near the object have moved, see
+    The object starts at its first touch of the dome, is pressed in the first 0.4 of the scene's
+    duration, and reaches the pose at its end. Only the nodes near the object move, see
     `dome_forces`.
 
     Raises
     ------
     UserError
-        For a press too deep, and a contact that does not converge.
+        For a press that is too deep, and for a contact that does not converge.
     """
     dome, solid = scene.build_dome(), scene.build_solid()
     motion = _timed(path_to(scene, pose), (scene.frames - 1) * scene.period)
@@ -50,7 +50,7 @@ def moves(scene: Scene, pose: DomePose) -> Iterator[Contact]:
 
 
 def _timed(poses: Array, duration: float) -> Motion:
-    """Motion along poses, of which the second is reached by the end of the press."""
+    """Motion along poses; the second one is reached at the end of the press."""
     share = np.linspace(PRESSING, 1.0, len(poses) - 1)
     return Motion(times=duration * np.concatenate([[0.0], share]), poses=poses)
 

@@ -1,4 +1,4 @@
-"""Pictures of single poses with their ground truth, outside any run; poses of the node model."""
+"""Pictures of single poses with their ground truth, without a run; poses of the node model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,35 +54,35 @@ Entry = dict[str, str | float | list[float] | None]
 
 
 class AnyPose(Protocol):
-    """A pose of a body, which knows what is to be said of its picture.
+    """A pose of a body, with the contents of its files.
 
     Attributes
     ----------
-    arrays: names of the arrays of its truth file, in order, with their meaning
+    arrays: names of the arrays in its truth file, in order, with their meaning
     """
 
     arrays: ClassVar[dict[str, str]]
 
     def settled(self, scene: Scene) -> "Settled":
-        """Contact of a scene's fingertip and object in the pose.
+        """Settle a scene's fingertip and object in the pose.
 
         Raises
         ------
         UserError
-            For what cannot be held.
+            For a pose that cannot be held.
         """
 
     def words(self, settled: "Settled") -> str:
-        """What was done to the fingertip."""
+        """Describe the pose in words."""
 
     def object_name(self, scene: Scene) -> str:
-        """Name of the object; empty where it has none."""
+        """Name of the object; empty if it has no name."""
 
     def entry(self, settled: "Settled") -> Entry:
-        """How the object was put on the fingertip."""
+        """Pose for `poses.json`."""
 
     def sums(self, scene: Scene, shot: "Shot") -> Entry:
-        """Forces of the contact."""
+        """Forces of the contact for `poses.json`."""
 
     def seen(
         self, scene: Scene, settled: "Settled", truth: TruthMap, drive: Array
@@ -90,18 +90,18 @@ class AnyPose(Protocol):
         """Displacements and traction of a `Shot`."""
 
     def further(self, scene: Scene, shot: "Shot") -> Sequence[Any]:
-        """Arrays after those of every truth file."""
+        """Arrays of the truth file after those of `OF_EACH`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settled:
-    """A pose and the contact that it leaves.
+    """A pose and the resulting contact.
 
     Attributes
     ----------
     pose: forces or displacements
-    state: of the chain, or of the dome of silicone
-    field: contact forces; None for a pad
+    state: state of the chain or the silicone
+    field: contact forces; None for a pad of the node model
     friction: µ of the contact as a whole, see `whole_friction`
     """
 
@@ -118,11 +118,11 @@ class Shot:
     Attributes
     ----------
     settled: pose and contact
-    frame: image as the camera gives it
-    truth: of that image
-    rest_depth: depth of the truth at rest [m], shape (H, W)
-    seen: node displacements relative to the rigid part [m], shape (N, 2), of a dome (N, 3)
-    traction: of the object on the skin where the image shows it [Pa], (H, W, 3); None of a chain
+    frame: image of the camera
+    truth: ground truth of that image
+    rest_depth: depth of the skin at rest [m], shape (H, W)
+    seen: node displacements relative to the rigid part [m], shape (N, 2), for silicone (N, 3)
+    traction: traction of the object on the skin at each pixel [Pa], (H, W, 3); None for a chain
     """
 
     settled: Settled
@@ -142,7 +142,7 @@ class Pose:
 
     Attributes
     ----------
-    grip, load: forces along z and x [N], of a dome
+    grip, load: forces on a dome along z and x [N]
     depth, shear: displacements of the middle of a pad along −z and x [m]
     """
 
@@ -154,7 +154,7 @@ class Pose:
     arrays: ClassVar[dict[str, str]] = ARRAYS
 
     def settled(self, scene: Scene) -> Settled:
-        """Contact of the chain in the pose, or the displaced pad."""
+        """Settle the chain in the pose, or displace the pad."""
         state, field = settle(scene, self)
         friction = np.nan
         if field is not None:
@@ -162,23 +162,23 @@ class Pose:
         return Settled(pose=self, state=state, field=field, friction=float(friction))
 
     def words(self, settled: Settled) -> str:
-        """What was done to the fingertip."""
+        """Describe the pose in words."""
         if settled.field is None:
             return f"pressed {self.depth * 1e3:g} mm, sheared {self.shear * 1e3:g} mm"
         return f"grip {self.grip:g} N, load {self.load:g} N"
 
     def object_name(self, scene: Scene) -> str:
-        """The node model's objects have no names."""
+        """Return "": objects of the node model have no names."""
         return ""
 
     def entry(self, settled: Settled) -> Entry:
-        """Forces, or displacements of a pad."""
+        """Forces, or displacements of a pad, for `poses.json`."""
         if settled.field is None:
             return {"press_mm": self.depth * 1e3, "shear_mm": self.shear * 1e3}
         return {"grip_n": self.grip, "load_n": self.load}
 
     def sums(self, scene: Scene, shot: Shot) -> Entry:
-        """Sums of the forces; none of a pad."""
+        """Sums of the forces for `poses.json`; empty for a pad."""
         field = shot.settled.field
         return {} if field is None else sums_of(field, shot.settled.friction)
 
@@ -189,7 +189,7 @@ class Pose:
         return drive, None
 
     def further(self, scene: Scene, shot: Shot) -> Sequence[Any]:
-        """Displacements, and forces where they are known."""
+        """Arrays of displacements, and of forces if they are known."""
         field = shot.settled.field
         if field is None:
             return [shot.seen]
@@ -197,7 +197,7 @@ class Pose:
 
 
 def sums_of(field: ForceField, friction: float, digits: int | None = None) -> Entry:
-    """Sums of contact forces, µ and Γ, to so many decimals."""
+    """Sums of contact forces, µ and Γ, rounded to `digits` decimals."""
     margin = field.safety_margin(friction)
     return {
         "normal_n": rounded(field.total_normal, digits),
@@ -208,12 +208,12 @@ def sums_of(field: ForceField, friction: float, digits: int | None = None) -> En
 
 
 def rounded(value: float, digits: int | None) -> float:
-    """Value to so many decimals, and no negative zero."""
+    """Round to `digits` decimals, without a negative zero."""
     return value if digits is None else round(value, digits) + 0.0
 
 
 def settle(scene: Scene, pose: Pose) -> tuple[State, ForceField | None]:
-    """State of a pose of a scene's fingertip and object, and its contact forces.
+    """Settle a pose of a scene's fingertip and object; returns state and contact forces.
 
     Raises
     ------
@@ -248,17 +248,17 @@ def settle(scene: Scene, pose: Pose) -> tuple[State, ForceField | None]:
 
 def _refuse_sliding(obj: ContactObject, pose: Pose) -> None:
     """Refuse a load that a flat object with one µ everywhere does not hold."""
-    held = obj.friction * pose.grip
+    largest = obj.friction * pose.grip
     flat = obj.curvature == 0.0 and obj.profile is None and not obj.patches
-    if flat and abs(pose.load) >= held:
+    if flat and abs(pose.load) >= largest:
         raise UserError(
             f"grip {pose.grip:g} N cannot hold a load of {pose.load:g} N: a friction of "
-            f"{obj.friction:g} holds less than {held:.3g} N"
+            f"{obj.friction:g} holds less than {largest:.3g} N"
         )
 
 
 def _displaced(scene: Scene, sensor: SensorDesign, pose: Pose) -> State:
-    """State of a pad that a round or flat object is pushed into and pulled along.
+    """State of a pad into which a round or flat object is pushed, and along which it is pulled.
 
     The skin follows the object where they touch. Within a millimetre of the pad's edge the
     displacement falls to 0. These are kinematics without forces.
@@ -274,9 +274,9 @@ def _displaced(scene: Scene, sensor: SensorDesign, pose: Pose) -> State:
     obj = scene.object
     gap = 0.5e3 * x**2 / obj.radius_mm
     depth = np.maximum(pose.depth - gap, 0.0)
-    held = np.clip((half - abs(x)) / 1e-3, 0.0, 1.0)
+    inner = np.clip((half - abs(x)) / 1e-3, 0.0, 1.0)
     share = depth / pose.depth if pose.depth > 0.0 else np.ones(nodes)
-    moved = np.column_stack([pose.shear * share, -depth]) * held[:, None]
+    moved = np.column_stack([pose.shear * share, -depth]) * inner[:, None]
     return state_of(
         0.0, moved, np.zeros(2), np.zeros(nodes), np.zeros(nodes), np.zeros((nodes + 1, 2)), 0.0
     )

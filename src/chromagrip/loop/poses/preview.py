@@ -16,9 +16,9 @@ from .poses import Shot
 MAGENTA = "#b0125b"
 YELLOW = "#b58900"
 FORCE = "#1f4fd8"
-#: Arrows of the motion along a side of the window.
+#: Number of arrows of the motion along a side of the window.
 ARROWS = 22
-#: Factor by which the motion is magnified at most.
+#: Largest magnification of the motion.
 MAGNIFY = 20.0
 #: Longest arrow of a force over the side of the window.
 ARROW = 0.14
@@ -30,7 +30,7 @@ Window = tuple[float, float, float, float]
 
 
 def draw_preview(scene: Scene, shot: Shot, path: Path) -> None:
-    """The picture, and its contact magnified: forces, layers, motion, indentation, numbers."""
+    """Draw the picture and, magnified, its forces, layers, motion, indentation and numbers."""
     matplotlib.use("Agg", force=False)
     figure = Figure(figsize=(12.6, 8.2), dpi=100, layout="constrained")
     axes = figure.subplots(2, 3)
@@ -95,7 +95,7 @@ def _largest(shot: Shot) -> float:
 
 
 def _numbers(axis: Any, scene: Scene, shot: Shot) -> None:
-    axis.set_title("what is true")
+    axis.set_title("truth")
     axis.set_frame_on(False)
     for row, (name, value) in enumerate(_facts(scene, shot)):
         axis.text(0.02, 0.93 - 0.1 * row, name, transform=axis.transAxes, fontsize=12)
@@ -119,7 +119,7 @@ def _forces(axis: Any, scene: Scene, shot: Shot, window: Window) -> None:
         axis.set_title("marker centres (+)")
         return
     view, touching = scene.build_sensor().view, field.contact
-    if field.position.shape[1] == 3:  # friction alone: a press along the view has no direction
+    if field.position.shape[1] == 3:  # only friction: a press along the view has no direction
         what, places, step = "friction", field.position[touching], 2e-4
         friction = field.friction[touching]
         largest = max(float(np.linalg.norm(friction, axis=1).max()), 1e-12)
@@ -177,7 +177,7 @@ def _motion(axis: Any, shot: Shot, window: Window) -> None:
 
 
 def _depth(figure: Figure, axis: Any, shot: Shot) -> None:
-    # The distance itself is mostly that the rays of a pad's rim are longer.
+    # The distance itself mostly shows that the rays to a pad's rim are longer.
     axis.set_title("skin nearer to the camera than at rest")
     picture = axis.imshow(1e3 * (shot.rest_depth - shot.truth.depth), cmap="viridis")
     figure.colorbar(picture, ax=axis, label="mm", location="bottom", shrink=0.8)

@@ -1,1 +1,1 @@
-"""What a run is shown as: its figure, its video and its report."""
+"""Results of a run: figure, video, log and report."""

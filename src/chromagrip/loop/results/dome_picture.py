@@ -1,4 +1,4 @@
-"""A dome's traction seen from above: pressure as colour, friction as arrows."""
+"""A dome's traction, viewed from above: pressure as colour, friction as arrows."""
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-#: Usual side of the picture, and free border around the dome [px].
+#: Default side of the picture, and free border around the dome [px].
 SIZE, BORDER = 480, 8
 #: Colours of no pressure and of the largest, RGB.
 NONE, LARGEST = np.array([255.0, 255.0, 255.0]), np.array([20.0, 90.0, 190.0])
@@ -27,18 +27,18 @@ ARROW = 100.0 / 480.0
 
 
 class TractionPicture:
-    """Pictures of contacts on one dome, all with one scale, which grows where it must.
+    """Pictures of contacts on one dome, with a common scale that grows for larger pressures.
 
     Parameters
     ----------
-    dome: that is touched
-    size: side of the picture [px]
+    dome: dome that is touched
+    size: side of the picture (default 480) [px]
 
     Attributes
     ----------
-    top: largest pressure so far, rounded up, which the darkest colour means [Pa]
-    radius: of the dome [m]
-    pixels: of a metre
+    top: largest pressure so far, rounded up: that of the darkest colour [Pa]
+    radius: radius of the dome [m]
+    pixels: scale of the picture [px/m]
     """
 
     def __init__(self, dome: SoftBody, size: int = SIZE) -> None:
@@ -60,7 +60,7 @@ class TractionPicture:
         self.top = 1e3
 
     def draw(self, field: ForceField, mu: float) -> Image:
-        """Picture of a contact with that friction coefficient, RGB, (size, size, 3)."""
+        """Draw a contact with a friction coefficient, RGB, (size, size, 3)."""
         pressure = np.where(field.contact, field.normal, 0.0) / self._areas
         self.top = max(self.top, _round_up(float(pressure.max())))
         share = np.zeros(self._size * self._size)
@@ -90,7 +90,7 @@ class TractionPicture:
         return (self._size - 1) / 2 + self.pixels * place * [1.0, -1.0]
 
     def legend(self, canvas: Image, place: tuple[int, int]) -> None:
-        """Say on a picture what colours and arrows mean, from a place downwards [px]."""
+        """Write the meaning of colours and arrows on a picture, from a place downwards [px]."""
         x, y = place
         kilopascals = self.top / 1e3
         write(canvas, f"pressure: blue {kilopascals:g} kPa", (x, y))
@@ -102,7 +102,7 @@ class TractionPicture:
 
 
 def write(canvas: Image, text: str, place: tuple[int, int], colour: Colour = STICKS) -> None:
-    """Put text on a picture, its lower left corner at a place [px]."""
+    """Write text on a picture, its lower left corner at a place [px]."""
     cv2.putText(canvas, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, 1, cv2.LINE_AA)
 
 

@@ -1,4 +1,4 @@
-"""The course of one run in one picture, after the thesis's Figs. 13–15."""
+"""Figure of one run over time, after the thesis's Figs. 13–15."""
 
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from .panels import panels_of
 
 Array = NDArray[np.float64]
 
-#: Colours that people with any colour vision tell apart (Okabe and Ito).
+#: Colours that people with any colour vision can distinguish (Okabe and Ito).
 TRUE = "#0072b2"
 ESTIMATED = "#d55e00"
 LOAD = "#5a5a5a"
@@ -57,7 +57,7 @@ def _draw_curve(axes: Axes, time: Array, curve: Curve) -> None:
     if curve.low is not None and curve.high is not None:
         step: Any = "mid" if curve.role == "other" else None  # a single instant has a width
         axes.fill_between(time, curve.low, curve.high, color=colour, alpha=0.2, lw=0, step=step)
-        if curve.role == "other":  # the shade says it all
+        if curve.role == "other":  # only the shade is drawn
             axes.collections[-1].set_label(curve.label)
             return
     axes.plot(
@@ -82,7 +82,7 @@ def _title(scene: Scene, trace: Trace) -> str:
 
 
 def finish(axes: Axes) -> None:
-    """Grid, frame and legend of a panel."""
+    """Draw grid, frame and legend of a panel."""
     axes.grid(alpha=0.25, lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)
     # Outside the axes a legend never hides a curve.

@@ -29,7 +29,7 @@ Columns = Mapping[str, Array]
 
 
 def log_of(run: RunRead) -> Log:
-    """Log of a run; topics of a finger of two begin with `/first` or `/second`."""
+    """Make the log of a run; with two fingers, their topics begin with `/first` or `/second`."""
     of, scene = run.columns, run.scene
     signals = list(_signals(of, columns_of(scene.mechanics)))
     wrenches, conditions = list[Wrench](), list[Condition]()
@@ -51,7 +51,7 @@ def log_of(run: RunRead) -> Log:
 
 
 def _signals(of: Columns, columns: Mapping[str, Column]) -> Iterator[Signal]:
-    """Signals of those columns that have a topic and a value."""
+    """Signals of the columns with a topic and a value."""
     for name, column in columns.items():
         if not column.topic or name not in of:
             continue
@@ -72,17 +72,17 @@ def _signals(of: Columns, columns: Mapping[str, Column]) -> Iterator[Signal]:
 
 
 def _place(before: str) -> str:
-    """Beginning of the topics of a finger whose columns have this before their names."""
+    """Beginning of the topics of a finger, from the beginning of its columns' names."""
     return f"/{before.rstrip('_')}" if before else ""
 
 
 def _finite(values: Array) -> Array:
-    """Values with NaN where an interval has no end."""
+    """Replace infinite ends of intervals by NaN."""
     return np.where(np.isfinite(values), values, np.nan)
 
 
 def _target(run: RunRead, before: str) -> Iterator[Signal]:
-    """Margin that the controller aims at; none where it has no such setting."""
+    """Signal of the margin that the controller aims at, if it has such a setting."""
     target, times = run.scene.target_margin, run.columns["time_s"]
     if target is not None:
         yield Signal(
@@ -95,7 +95,7 @@ def _target(run: RunRead, before: str) -> Iterator[Signal]:
 
 
 def _wrenches(of: Columns, before: str) -> Iterator[Wrench]:
-    """True and estimated force and torque of the object on a fingertip, where they are known.
+    """True and estimated force and torque of the object on a fingertip, if they are known.
 
     The trace of a chain has sums along and across its slice only; they are x and −z.
     """
@@ -109,7 +109,7 @@ def _wrenches(of: Columns, before: str) -> Iterator[Wrench]:
             normal, friction = of[f"normal_{kind}_n"], of[f"friction_{kind}_n"]
             turning = np.zeros(len(normal))
             force = np.stack([friction, turning, -normal], axis=1)
-            meaning += "; x is the size of ΣFf, whose sign the trace does not tell"
+            meaning += "; x is the size of ΣFf, whose sign the trace does not have"
         else:
             continue
         there = np.isfinite(force).all(axis=1)
@@ -126,13 +126,13 @@ def _wrenches(of: Columns, before: str) -> Iterator[Wrench]:
 
 
 def _came(run: RunRead, before: str) -> NDArray[np.bool_]:
-    """Whether each frame's picture came; of the truth path, whether its forces did."""
+    """Frames whose picture came, or on the truth path whose forces came, bool, shape (T,)."""
     read = "markers_visible" if run.scene.path == "camera" else "normal_estimated_n"
     return np.isfinite(run.columns[before + read])
 
 
 def _conditions(run: RunRead, before: str) -> Iterator[Condition]:
-    """Whether there is an estimate, which markers are lost, whether the grip is safe and slid."""
+    """Conditions of a finger: its estimate, lost markers, margin and slip."""
     of, times, place = run.columns, run.columns["time_s"], before.replace("_", "/")
     known, came = np.isfinite(of[f"{before}normal_estimated_n"]), _came(run, before)
     latency = 1e3 * run.scene.camera.latency_frames * run.scene.period
@@ -171,7 +171,7 @@ def _conditions(run: RunRead, before: str) -> Iterator[Condition]:
 
 
 def _outcome(of: Columns) -> Condition:
-    """Worst that has happened to the object of a pinch so far."""
+    """Condition of the object of a pinch: the worst outcome so far."""
     states = tuple(
         (of["outcome"] == number, OK if number == 0 else ERROR, outcome)
         for number, outcome in enumerate(OUTCOMES)
@@ -186,7 +186,7 @@ def _condition(
     states: Sequence[tuple[NDArray[np.bool_], int, str]],
     values: Mapping[str, Array],
 ) -> Condition:
-    """Condition whose state at a frame is the first that holds then."""
+    """Condition whose state at a frame is the first true one."""
     chosen = np.argmax([state[0] for state in states], axis=0)
     levels = np.array([state[1] for state in states])[chosen]
     messages = [states[k][2] for k in chosen]
@@ -194,22 +194,22 @@ def _condition(
 
 
 def _pictures(run: RunRead) -> Iterator[Pictures]:
-    """The camera's pictures, and beside them the contact as the video shows it."""
+    """The camera's pictures, and the contact as drawn in the video."""
     raw = raw_pictures(run, FRAMES, "/camera")
     yield from raw
     if run.video is None:
         return
     width = run.scene.build_sensor().view.width
-    meaning = "what the camera took, as the video keeps it"
+    meaning = "picture of the camera, from the video"
     parts = [Part(topic="/camera", meaning=meaning, top=HEAD, right=width)]
-    meaning = "contact as it was estimated and as it is in truth, drawn"
+    meaning = "drawing of the estimated and the true contact"
     drawn = Part(topic="/contact", meaning=meaning, top=HEAD, left=width)
     for part in ([] if raw else parts) + [drawn]:
         yield video_pictures(run.video, part, run.columns["time_s"][_came(run, "")])
 
 
 def _pictures_of_two(run: RunRead) -> Iterator[Pictures]:
-    """Both cameras' raw pictures where they were kept, and the video."""
+    """Both cameras' raw pictures, if they were kept, and the video."""
     for finger in FINGERS:
         yield from raw_pictures(run, f"{FRAMES}/{finger}", f"/{finger}/camera")
     if run.video is not None:

@@ -1,4 +1,4 @@
-"""Pictures of a run folder for its log: raw ones where they were kept, and those of the video."""
+"""Pictures of a run folder for its log: raw ones if they were kept, and those of the video."""
 
 import csv
 import math
@@ -19,7 +19,7 @@ from .tactile_video import FPS, SLOWDOWN
 
 Image = NDArray[np.uint8]
 
-#: Quality of JPEG. Colours are at full resolution, because the markers are told by them.
+#: Quality of JPEG. Colours are at full resolution, because they distinguish the markers.
 _JPEG = (cv2.IMWRITE_JPEG_QUALITY, 80, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111)
 
 
@@ -29,9 +29,9 @@ class Part:
 
     Attributes
     ----------
-    topic, meaning: in the log
-    top, left: its first row and column [px]
-    right: column that it ends before [px]; None is the end of the picture
+    topic, meaning: topic and meaning in the log
+    top, left: first row and column of the part [px]
+    right: column after its last one [px] (default: the end of the picture)
     """
 
     topic: str
@@ -42,13 +42,13 @@ class Part:
 
 
 def raw_pictures(run: RunRead, folder: str, topic: str) -> list[Pictures]:
-    """Pictures of a folder that `--frames` filled, without loss; none where it was not used.
+    """Raw pictures of a folder that `--frames` filled; empty if it was not used.
 
     Parameters
     ----------
-    run: that was read
-    folder: name of it in the run folder
-    topic: in the log
+    run: run that was read
+    folder: name of the folder in the run folder
+    topic: topic in the log
     """
     listed, video = run.file(f"{folder}/frames.csv"), run.file(f"{folder}/frames.mkv")
     if not listed.is_file():
@@ -67,19 +67,19 @@ def raw_pictures(run: RunRead, folder: str, topic: str) -> list[Pictures]:
         for time, name in rows:
             picture = run.file(f"{folder}/{name}")
             if not picture.is_file():
-                raise UserError(f"{picture} cannot be read: there is no such file")
+                raise UserError(f"{picture} cannot be read: it is missing")
             check_size(picture, LARGEST_FILE)
             data = picture.read_bytes()
             if not (data.startswith(PNG_BEGIN) and data.endswith(PNG_END)):
-                raise UserError(f"{picture} is no PNG picture, or cut off")
+                raise UserError(f"{picture} is not a PNG picture, or is cut off")
             yield time, data
 
-    meaning = "what the camera took, without loss"
+    meaning = "picture of the camera, without loss"
     return [Pictures(topic=topic, meaning=meaning, encoding="png", read=read)]
 
 
 def _listed(path: Path) -> list[tuple[float, str]]:
-    """Instant and file of each picture of a list."""
+    """Read instant and file of each picture in a list."""
     check_size(path, LARGEST_FILE)
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -89,7 +89,7 @@ def _listed(path: Path) -> list[tuple[float, str]]:
     except (KeyError, TypeError, ValueError, csv.Error):
         rows = [(math.nan, "")]
     if not all(math.isfinite(time) and name for time, name in rows):
-        raise UserError(f"{path} must have a line frame,time_s,file of each picture")
+        raise UserError(f"{path} must have a line frame,time_s,file for each picture")
     return rows
 
 
@@ -98,13 +98,13 @@ def video_pictures(video: Path, part: Part, times: Array) -> Pictures:
 
     Parameters
     ----------
-    video: of a run, slower than the run
-    part: of its pictures
-    times: of the frames whose pictures came [s]
+    video: video of a run, in slow motion
+    part: part of its pictures
+    times: times of the frames whose pictures came [s]
     """
     slots = (times * FPS * SLOWDOWN + 1e-6).astype(int)
     shown, first = np.unique(slots, return_index=True)
-    # The video rounds a time down to its rate; its picture is of the first frame from then on.
+    # The video rounds a time down to its rate; its picture shows the first frame from then on.
     instants = dict(zip(shown.tolist(), times[first].tolist(), strict=True))
 
     def read() -> Iterator[tuple[float, bytes]]:

@@ -1,4 +1,4 @@
-"""Panels of curves of a run, as its report and its figure show them."""
+"""Panels of a run's curves, for its report and its figure."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -27,10 +27,10 @@ class _Shown:
 
     Attributes
     ----------
-    column: without the name of a finger
-    label: in the legend; {} is the word for what the controller reads
-    second: drawn in the second style of its role
-    role: see `Role`
+    column: name of the column, without that of a finger
+    label: label in the legend; {} is the word for the controller's values
+    second: whether the curve has the second style of its role
+    role: role of the curve, see `Role`
     steps: whether each value holds until the next instant
     """
 
@@ -54,7 +54,7 @@ class _Plan:
 
 
 def _both(column: str, label: str = "", second: bool = False) -> tuple[_Shown, _Shown]:
-    """A true value and its estimate; {} in the column's name is the one or the other."""
+    """Curves of a true value and its estimate; {} in the column's name stands for the kind."""
     return (
         _Shown(column.format("true"), f"{label}true", second),
         _Shown(column.format("estimated"), f"{label}{{}}", second, "estimated"),
@@ -94,7 +94,7 @@ _PLANS = (
     _Plan(
         title="slide of the object [mm], true",
         curves=(_Shown("slide_mm", "in the hand"),),
-        span=(0.0, 0.1),  # a smaller slide is the solver's noise, as a smaller turn and torque
+        span=(0.0, 0.1),  # smaller slides, and below smaller turns and torques, are solver noise
     ),
     _Plan(
         title="turn of the object [°], true",
@@ -126,11 +126,11 @@ _PLANS = (
 def panels_of(scene: Scene, of: Columns) -> Iterator[Panel]:
     """Panels of a run, without curves that have no value.
 
-    Two fingers share a panel of one true value and its estimate, and have a panel each otherwise.
+    Two fingers share a panel with one true value and its estimate; otherwise each has a panel.
 
     Parameters
     ----------
-    scene: that was run
+    scene: scene that was run
     of: columns of its trace; a trace of an earlier version lacks some
     """
     body, befores = scene.mechanics, prefixes(scene)
@@ -147,7 +147,7 @@ def panels_of(scene: Scene, of: Columns) -> Iterator[Panel]:
 
 
 def _panel(scene: Scene, of: Columns, plan: _Plan, befores: tuple[str, ...]) -> Iterator[Panel]:
-    """Panel of columns with these before their names; none without curves."""
+    """Panel of columns whose names begin with `befores`; empty without curves."""
     read = word_for_read(scene.path)
     curves: list[Curve] = []
     for k, before in enumerate(befores):
@@ -166,7 +166,7 @@ def _panel(scene: Scene, of: Columns, plan: _Plan, befores: tuple[str, ...]) -> 
 
 
 def _words(before: str) -> str:
-    """Words for the finger whose columns have this before their names."""
+    """Words for a finger, from the beginning of its columns' names."""
     return before.replace("_", " finger")
 
 
@@ -180,7 +180,7 @@ def _margin_levels(scene: Scene) -> tuple[tuple[str, float], ...]:
 
 
 def _curve(of: Columns, shown: _Shown, before: str, label: str, second: bool) -> Iterator[Curve]:
-    """Curve of a column; none if it has no value."""
+    """Curve of a column; empty if it has no value."""
     name = before + shown.column
     if name not in of or not np.isfinite(of[name]).any():
         return

@@ -15,16 +15,14 @@ from .tactile_video import SLOWDOWN
 
 #: Name of the report in a run folder.
 REPORT = "report.html"
-#: Error of Γ at the end from which on the page says more about it.
+#: Error of Γ at the end above which the page explains it.
 _NOTABLE = 0.03
 #: By the number of fingers: end of the title, and what the video shows on each path.
 _TITLES = {1: "", 2: " with two fingers"}
 _PINCHED = "The cameras' pictures with the tractions, and the object between the fingers."
 _CAPTIONS: dict[int, dict[PathName, str]] = {
     1: {
-        "camera": (
-            "Left: the camera's picture. Right: the contact as it was estimated, and as it is."
-        ),
+        "camera": ("Left: the camera's picture. Right: the estimated contact, and the true one."),
         "truth": "Left: the camera's picture. Right: the true contact.",
     },
     2: {"camera": _PINCHED, "truth": _PINCHED},
@@ -38,7 +36,7 @@ def write_report(run: RunRead) -> None:
 
 
 def run_on_page(run: RunRead, name: str) -> RunOnPage:
-    """A run as the page shows it, under a name."""
+    """Prepare a run for the page, under a name."""
     return RunOnPage(
         name=name,
         time=run.columns["time_s"],
@@ -52,12 +50,12 @@ def run_on_page(run: RunRead, name: str) -> RunOnPage:
 
 
 def _caption(scene: Scene) -> str:
-    """What the video shows."""
+    """Caption of the video."""
     return _CAPTIONS[scene.fingers][scene.path]
 
 
 def _words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
-    """What happened, in sentences."""
+    """Describe the run in sentences."""
     if not summary["complete"]:
         yield f"The run ended early, at {summary['duration_s']:.2f} s of {scene.duration_s:g} s."
     yield from {1: _one_words, 2: _two_words}[scene.fingers](scene, summary, of)
@@ -115,13 +113,13 @@ def _two_words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
         f"{summary['max_pressure_kpa']:.0f} kPa; {bounds}."
     )
     if not summary["lifted"]:
-        yield "The table still bore a part of the weight at the end."
+        yield "The table still carried a part of the weight at the end."
     name = "The smaller margin, with torsion,"
     yield _margin_words(scene, name, summary["final_limit_margin_true"], None)
 
 
 def _margin_words(scene: Scene, name: str, true: float | None, estimated: float | None) -> str:
-    """Where a margin ended, and what it should have been."""
+    """Describe a margin at the end, and its target."""
     target = scene.target_margin
     values = [
         f"{value:.2f} {kind}"

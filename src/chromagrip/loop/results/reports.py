@@ -1,4 +1,4 @@
-"""Reports of finished runs, of one finger or two, and several runs beside each other."""
+"""Reports of finished runs, of one finger or two, and comparisons of several runs."""
 
 import os
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from .log import log_of
 from .report import REPORT, run_on_page
 from .run_folder import MOST_ROWS, read_run
 
-#: Runs that can be told apart on a page.
+#: Largest number of runs that can be distinguished on a page.
 MOST_RUNS = 6
 
 
@@ -22,21 +22,21 @@ def write_reports(
     follow_links: bool = False,
     max_rows: int = MOST_ROWS,
 ) -> Path:
-    """Write the report of a run, or of several beside each other; its file.
+    """Write the report of a run, or one that compares several runs; returns its path.
 
     Parameters
     ----------
-    folders: run folders
-    out: file of the page; None is report.html in the only folder
+    folders: run folders, 1 to `MOST_RUNS`
+    out: file of the page (default: report.html in the only folder)
     follow_links, max_rows: as in `read_run`
 
     Raises
     ------
     UserError
-        When a folder holds no finished run, there are too many of them, or several and no `out`.
+        For a folder without a finished run, too many folders, and several without `out`.
     """
     if not 1 <= len(folders) <= MOST_RUNS:
-        raise UserError(f"a report is of 1 to {MOST_RUNS} runs, not of {len(folders)}")
+        raise UserError(f"a report has 1 to {MOST_RUNS} runs, not {len(folders)}")
     if out is None and len(folders) > 1:
         raise UserError("a report of several runs needs a file of its own: give --out FILE.html")
     path = folders[0] / REPORT if out is None else out
@@ -56,18 +56,18 @@ def write_logs_again(
     follow_links: bool = False,
     max_rows: int = MOST_ROWS,
 ) -> list[Path]:
-    """Write the logs of finished runs into their folders; the files.
+    """Write the logs of finished runs into their folders; returns their paths.
 
     Parameters
     ----------
     folders: run folders
-    formats: of the logs
+    formats: formats of the logs
     follow_links, max_rows: as in `read_run`
 
     Raises
     ------
     UserError
-        When a folder holds no finished run, an extra is missing, or a log cannot be written.
+        For a folder without a finished run, a missing extra, and a log that cannot be written.
     """
     require_logs(formats)
     paths: list[Path] = []
@@ -78,7 +78,7 @@ def write_logs_again(
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """Names of folders, with as much of their paths as tells them apart."""
+    """Names of folders, with as much of their paths as distinguishes them."""
     parts = [Path(os.path.realpath(folder)).parts for folder in folders]
     for depth in range(1, max(map(len, parts)) + 1):
         names = ["/".join(part[-depth:]) for part in parts]

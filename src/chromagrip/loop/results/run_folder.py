@@ -1,6 +1,6 @@
-"""The one reader of run folders: what is damaged in one is a sentence with the file and its place.
+"""The one reader of run folders; damage is refused in one sentence with the file and the place.
 
-The folder may be a stranger's. No link leads out of it, and sizes are known before values are read.
+The folder may be a stranger's. Links out of it are refused, and sizes are checked before reading.
 """
 
 from collections.abc import Collection, Mapping
@@ -27,11 +27,11 @@ Array = NDArray[np.float64]
 NEEDED, VIDEO = ("summary.json", "trace.parquet", "scene.toml"), "tactile.mp4"
 #: Largest number of rows of a trace that is read.
 MOST_ROWS = 2_000_000
-#: Largest size of a file that is read whole: of text, and of a video or picture [bytes].
+#: Largest size of a file that is read whole: text, and video or picture [bytes].
 LARGEST_TEXT, LARGEST_FILE = 2**24, 2**28
 #: Largest size of a value, and of a time [s].
 _LARGEST, _LATEST = 1e12, 1e6
-#: Endings of the names of columns that the first traces lack, by the number of fingers.
+#: Endings of the names of columns that older traces lack, by the number of fingers.
 _LATER = {1: (), 2: ("_deviation_n", "_deviation_nmm", "limit_margin_low", "limit_margin_high")}
 _MEND = "take a whole copy of the folder, or run its scene again"
 
@@ -42,7 +42,7 @@ _Count = Annotated[int, Meta(ge=0, le=10**9)]
 
 
 class _Known(msgspec.Struct, kw_only=True):
-    """Keys of a summary that its readers ask for; a summary may have more.
+    """Keys of a summary that its readers use; a summary may have more.
 
     Keys without a default are in every summary.
     """
@@ -78,7 +78,7 @@ class _Known(msgspec.Struct, kw_only=True):
 
 
 class _One(_Known, kw_only=True):
-    """Those of one finger."""
+    """Keys of a run with one finger."""
 
     final_margin_estimated: _Value
     lateral_displacement_mm: _Value
@@ -86,7 +86,7 @@ class _One(_Known, kw_only=True):
 
 
 class _Two(_Known, kw_only=True):
-    """Those of two fingers."""
+    """Keys of a run with two fingers."""
 
     outcome: Literal["held", "turned", "crushed", "dropped"]
     final_limit_margin_true: _Value
@@ -102,14 +102,14 @@ _SUMMARIES: dict[int, type[_Known]] = {1: _One, 2: _Two}
 
 @dataclass(frozen=True, kw_only=True)
 class RunRead:
-    """What a run folder holds.
+    """Contents of a run folder.
 
     Attributes
     ----------
-    folder: read
-    scene: that was run
-    summary: of the run
-    columns: of its trace
+    folder: path of the folder
+    scene: scene that was run
+    summary: summary of the run
+    columns: columns of its trace, shape (T,) each
     follow_links: whether its files may be links that lead out of it
     """
 
@@ -121,7 +121,7 @@ class RunRead:
 
     @property
     def video(self) -> Path | None:
-        """Its video; None where there is none."""
+        """Path of its video; None if there is no video."""
         path = self.file(VIDEO)
         return path if path.is_file() else None
 
@@ -147,15 +147,16 @@ def read_run(
 
     Parameters
     ----------
-    folder: of a finished run
+    folder: folder of a finished run
     follow_links: whether its files may be links that lead out of it
     max_rows: largest number of rows of its trace
-    allow: modules that its scene may name, see `load_scene`; to show a run needs none
+    allow: modules that its scene may name, see `load_scene`; not needed to show a run
 
     Raises
     ------
     UserError
-        When it is none, or a file of it is damaged, too large, or a link that leads out of it.
+        For a folder without a finished run, and for a file in it that is damaged, too large, or a
+        link that leads out of it.
     """
     if not folder.is_dir():
         raise UserError(f"{folder} is not a run folder: there is no such folder")
@@ -184,19 +185,19 @@ def read_run(
 def read_trace(
     path: Path, names: list[str], later: tuple[str, ...] = (), max_rows: int = MOST_ROWS
 ) -> dict[str, Array]:
-    """Columns of a trace; others that it has are left out.
+    """Read columns of a trace.
 
     Parameters
     ----------
-    path: of a Parquet table
-    names: of the columns
-    later: endings of the names of those that may be missing
-    max_rows: largest number of rows, which is known before they are read
+    path: path of a Parquet table
+    names: names of the columns
+    later: endings of the names of columns that may be missing
+    max_rows: largest number of rows, checked before they are read
 
     Raises
     ------
     UserError
-        When it cannot be read, lacks a column, or one holds what is no trace.
+        When it cannot be read, lacks a column, or has values that no trace has.
     """
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     try:
@@ -216,7 +217,7 @@ def read_trace(
 
 
 def _check_table(path: Path, file: Any, names: set[str], max_rows: int) -> None:
-    """Refuse a table whose schema is no trace's, or that is too long, before it is decoded."""
+    """Refuse a table without the schema of a trace, or too long, before it is decoded."""
     rows, schema = file.metadata.num_rows, file.schema_arrow
     if not 0 < rows <= max_rows:
         allowed = f"a run has 1 to {max_rows}; for more give --max-rows N"
@@ -243,11 +244,11 @@ def _check_values(path: Path, columns: Mapping[str, Array]) -> None:
         wrong = np.flatnonzero(np.isfinite(values) & (abs(values) > _LARGEST))
         if len(wrong):
             place = f"column {name} is {values[wrong[0]]:g} at row {wrong[0]}"
-            raise UserError(f"{path}: {place}, at most {_LARGEST:g} is a value; {_MEND}")
+            raise UserError(f"{path}: {place}, allowed is at most {_LARGEST:g}; {_MEND}")
 
 
 def _read_summary(path: Path, kind: type[_Known]) -> Summary:
-    """Summary whose keys that are asked for have the types that are asked for."""
+    """Read a summary, and check the types of the keys of `kind`."""
     check_size(path, LARGEST_TEXT)
     try:
         summary = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
@@ -265,7 +266,7 @@ def _read_summary(path: Path, kind: type[_Known]) -> Summary:
 
 
 def _check_video(path: Path) -> None:
-    """Refuse what has the name of a run's video and is none, where videos can be read."""
+    """Refuse a file or folder that has the name of the video but is not a video."""
     if path.is_dir():
         raise UserError(f"{path} is a folder, not a video; {_MEND}")
     if path.is_file():

@@ -1,6 +1,6 @@
-"""The tactile video: the camera's picture beside the forces, as estimated and as they are in truth.
+"""The tactile video: the camera's picture next to the estimated and the true forces.
 
-Of a chain it shows the contact from the side of the camera, magnified; of a dome from above.
+A chain's contact is shown magnified, from the camera's side; a dome's from above.
 """
 
 import math
@@ -27,21 +27,21 @@ FPS = 25
 QUALITY = 20
 #: The video is this many times slower than the run.
 SLOWDOWN = 4
-#: A picture in so many is complete, so that a player reaches any quickly.
+#: Interval of complete pictures, so that a player reaches any picture quickly.
 SEEKABLE = {"g": "25"}
-#: Length of a force arrow at 251 nodes [px/N], in pictures of the camera's own size.
+#: Length of a force arrow at 251 nodes, in pictures of the camera's own size [px/N].
 ARROW = 1200.0
 #: Factor by which displacements of markers are magnified.
 MAGNIFY = 4.0
 #: Height of the line of text above the pictures [px].
 HEAD = 30
-#: Contacts drawn, two a picture, for which a new scale of the arrows is named.
+#: Number of drawn contacts, two a picture, with a notice of a new scale of the arrows.
 SAID = 100
 #: Magnification of the contact of a chain.
 ZOOM = 2
-#: Place of the skin in such a picture: share of its height from the top. Arrows point up.
+#: Place of the skin in a chain's picture, as a share of its height from the top. Arrows point up.
 _SKIN = 0.8
-#: Largest arrow there, as a share of the height; longer ones halve the scale from then on.
+#: Longest arrow there, as a share of the height; a longer one halves the scale.
 _LONGEST = 0.7
 #: Length of the arrow of the scale, about [px].
 _SCALE = 60.0
@@ -55,21 +55,21 @@ INK: Colour = (20, 20, 20)
 
 
 class TactileVideo(VideoFile):
-    """The camera's picture, and beside it the contact as it was estimated and as it is in truth.
+    """The camera's picture, next to the estimated and the true contact.
 
     Parameters
     ----------
-    path: of the video
-    scene: its sensor's camera maps the forces onto the picture
+    path: path of the video
+    scene: scene whose sensor's camera maps the forces onto the picture
     """
 
     def __init__(self, path: Path, scene: Scene) -> None:
         super().__init__(path, FPS, QUALITY, SEEKABLE)
         self._view = scene.build_sensor().view
-        self._seen = scene.path == "camera"
+        self._camera = scene.path == "camera"
         self._scale = ZOOM * ARROW
         self._slot = -1
-        self._said = 0  # contacts for which it is still said that the arrows were halved
+        self._notices = 0  # remaining contacts with the notice that the arrows were halved
         self._tractions = _TRACTIONS[scene.body](scene)
 
     def slot(self, time: float) -> int:
@@ -77,7 +77,7 @@ class TactileVideo(VideoFile):
         return int(time * FPS * SLOWDOWN + 1e-6)
 
     def due(self, sample: Sample) -> bool:
-        """Whether a picture of this sample is due; of a dropped frame none is."""
+        """Return True if a picture of this sample is due; never for a dropped frame."""
         slot = self.slot(sample.time)
         due = slot > self._slot and sample.observation is not None
         self._slot = slot if due else self._slot
@@ -88,7 +88,7 @@ class TactileVideo(VideoFile):
         image, observation = frames[0].image, sample.observation
         assert observation is not None
         contacts = [("true", sample.field, sample.friction)]
-        if self._seen:
+        if self._camera:
             contacts.insert(0, ("estimated", observation.field, observation.friction))
         draw = self._draw_tractions if self._tractions else self._draw_slices
         self.append(_headed(np.hstack([image, draw(image, sample, contacts)]), sample),
@@ -97,7 +97,7 @@ class TactileVideo(VideoFile):
     def _draw_slices(
         self, image: Image, sample: Sample, contacts: list[tuple[str, ForceField, float]]
     ) -> Image:
-        """Each contact of a chain, magnified, one above the other."""
+        """Draw each contact of a chain, magnified, one above the other."""
         height, width = image.shape[0] // len(contacts), image.shape[1]
         middle = self._view.project(np.array([[0.0, 0.0, _apex(sample.field)]]))[0]
         corner = middle - np.array([0.5 * width, _SKIN * height]) / ZOOM
@@ -124,13 +124,13 @@ class TactileVideo(VideoFile):
         largest = float(np.hypot(field.normal, field.friction).max()) * _per_node(field)
         while largest * self._scale > longest:
             self._scale /= 2.0
-            self._said = SAID
-        self._said -= 1
+            self._notices = SAID
+        self._notices -= 1
 
     def _draw_forces(
         self, canvas: Image, field: ForceField, corner: NDArray[np.float64], colour: Colour
     ) -> None:
-        """Arrows on every third node: across is friction, up is normal force."""
+        """Draw arrows on every third node: friction across, normal force up."""
         x, z = field.position.T
         base = ZOOM * (self._view.project(np.stack([x, np.zeros_like(x), z], axis=-1)) - corner)
         force = np.stack([field.friction, -field.normal], axis=-1)
@@ -139,19 +139,19 @@ class TactileVideo(VideoFile):
             _line(canvas, base[k], tip, colour, head=True)
 
     def _draw_scale(self, canvas: Image, field: ForceField, colour: Colour) -> None:
-        """Arrow of a round force in the lower right corner."""
+        """Draw an arrow of a round force in the lower right corner."""
         scale = self._scale * _per_node(field)
         force = rounded_down(_SCALE / scale)
         x, y = canvas.shape[1] - 150, canvas.shape[0] - 14
         _line(canvas, np.array([x, y]), np.array([x + scale * force, y]), colour, head=True)
         write(canvas, f"{force:g} N", (x + int(scale * force) + 8, y + 4), colour)
-        if self._said > 0:
+        if self._notices > 0:
             write(canvas, "all arrows are halved", (x - 40, y - 18), colour)
 
     def _draw_tractions(
         self, image: Image, sample: Sample, contacts: list[tuple[str, ForceField, float]]
     ) -> Image:
-        """Each contact of a dome from above, side by side."""
+        """Draw each contact of a dome from above, side by side."""
         pictures = []
         top = max(picture.top for picture in self._tractions.values())
         for kind, field, mu in contacts:
@@ -175,7 +175,7 @@ class TactileVideo(VideoFile):
 
 
 def _tractions_of(scene: Scene) -> dict[str, TractionPicture]:
-    """Pictures of tractions; the estimator's dome is the sensor's, the true one the scene's."""
+    """Pictures of tractions: the estimated on the sensor's dome, the true on the scene's."""
     side = scene.build_sensor().view.height
     pictures = {"true": TractionPicture(scene.build_dome(), side)}
     if scene.path == "camera":
@@ -183,7 +183,7 @@ def _tractions_of(scene: Scene) -> dict[str, TractionPicture]:
     return pictures
 
 
-#: Pictures of tractions that a body has.
+#: Pictures of tractions of each body; empty for a chain.
 _TRACTIONS: dict[Body, Callable[[Scene], dict[str, TractionPicture]]] = {
     "chain": lambda scene: {},
     "dome": _tractions_of,
@@ -191,13 +191,13 @@ _TRACTIONS: dict[Body, Callable[[Scene], dict[str, TractionPicture]]] = {
 
 
 def rounded_down(value: float) -> float:
-    """The largest of …, 1, 2, 5, 10, … that is no larger."""
+    """The largest of …, 1, 2, 5, 10, … up to a value."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(next(step * power for step in (5.0, 2.0, 1.0) if step * power <= value * 1.0001))
 
 
 def _per_node(field: ForceField) -> float:
-    """Forces of coarser chains are larger, which their arrows are not."""
+    """Factor on arrows that compensates the larger forces per node of coarser chains."""
     return len(field.normal) / REFERENCE_NODES
 
 
@@ -207,7 +207,7 @@ def _apex(field: ForceField) -> float:
 
 
 def _headed(picture: Image, sample: Sample) -> Image:
-    """Picture below a line of text about the sample."""
+    """Add a line of text about the sample above a picture."""
     head = np.full((HEAD, picture.shape[1], 3), 255, np.uint8)
     slow = f"shown {SLOWDOWN:g} times slower"
     write(head, f"t {sample.time:.2f} s    load {sample.load:.2f} N    grip {sample.grip:.2f} N",
@@ -234,20 +234,20 @@ def _known(value: float) -> str:
 
 
 def _say(canvas: Image, lines: Sequence[str], place: tuple[int, int], colour: Colour) -> None:
-    """Lines of text below each other, the first one in a colour."""
+    """Write lines of text below each other, the first one in a colour."""
     for k, line in enumerate(lines):
         write(canvas, line, (place[0], place[1] + 18 * k), colour if k == 0 else INK)
 
 
 def _magnified(image: Image, corner: NDArray[np.float64], size: tuple[int, int]) -> Image:
-    """Paled part of an image, of a corner (x, y) on, magnified to a size (rows, columns)."""
+    """Paled part of an image from a corner (x, y) on, magnified to a size (rows, columns)."""
     shift = np.array([[ZOOM, 0.0, -ZOOM * corner[0]], [0.0, ZOOM, -ZOOM * corner[1]]])
     part = cv2.warpAffine(image, shift, size[::-1], borderMode=cv2.BORDER_REPLICATE)
     return (255 - 0.3 * (255.0 - part)).astype(np.uint8)
 
 
 def _draw_motion(canvas: Image, tracks: Tracks, rest: Tracks, corner: NDArray[np.float64]) -> None:
-    """Ways of the outer markers since rest, magnified."""
+    """Draw the motion of the outer markers since rest, magnified."""
     for now, start in zip(tracks.position[0], rest.position[0], strict=True):
         if np.isfinite(now).all() and np.isfinite(start).all():
             way = ZOOM * MAGNIFY * (now - start)
