@@ -79,8 +79,8 @@ class GripFirst:
 
         Parameters
         ----------
-        observation: of the frame
-        force: that was commanded last [N]
+        observation: observation of the frame
+        force: force commanded last [N]
         """
         if not math.isnan(observation.lateral_displacement):
             return

@@ -27,21 +27,21 @@ def ensure_readout(
     tell: Callable[[str], None] = lambda text: None,
     workers: int | None = None,
 ) -> "SensorCalibration":
-    """The calibration with a read-out: its own, the shipped or kept one, or one trained now.
+    """Add a read-out to a calibration: its own, the shipped or kept one, or one trained now.
 
-    A training takes minutes. It is of the sensor as designed, and every calibration of the design
-    shares it. Interrupted, it goes on with the next call.
+    A training takes minutes. It is for the sensor as designed, and every calibration of the design
+    shares it. After an interruption it goes on with the next call.
 
     Parameters
     ----------
-    calibration: of the sensor, as `load_calibration` gives it
-    tell: called with the current step, for a progress line
-    workers: processes; None is one for each core
+    calibration: calibration of the sensor, from `load_calibration`
+    tell: function called with the current step, for a progress line
+    workers: number of processes (default: one for each core)
 
     Raises
     ------
     UserError
-        When no read-out can be trained for the sensor, or none can be kept.
+        When a read-out cannot be trained for the sensor, or cannot be kept.
     """
     if calibration.readout is not None:
         return calibration

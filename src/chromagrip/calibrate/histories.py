@@ -74,12 +74,12 @@ class Plan(NamedTuple):
 
 
 def random_plan(fingertip: Fingertip, number: int) -> Plan:
-    """Specimen, object and drive of a history; the same number gives the same.
+    """Draw specimen, object and drive of a history; the same number gives the same plan.
 
     Parameters
     ----------
-    fingertip: nominal one
-    number: of the history; SPECIMEN of them are of one specimen
+    fingertip: nominal fingertip
+    number: number of the history; SPECIMEN successive ones share a specimen
     """
     specimen = random_specimen(np.random.default_rng([76, number // SPECIMEN]), fingertip)
     rng = np.random.default_rng([77, number])

@@ -227,16 +227,16 @@ def fit_readout(
     epochs: int,
     tell: Callable[[str], None],
 ) -> tuple[ReadOut, Errors]:
-    """Read-out of lessons, and its RMS errors on histories held out.
+    """Train a read-out on lessons; returns it and its RMS errors on held-out histories.
 
     Parameters
     ----------
-    calibration: of the sensor that the lessons are of
-    basis: that their codes are in
-    lessons: to learn from
-    ranges: that they span, for the file
-    epochs: passes over all of them
-    tell: called with the current step, for a progress line
+    calibration: calibration of the sensor of the lessons
+    basis: basis of their codes
+    lessons: training data
+    ranges: ranges of the training data, for the file
+    epochs: number of passes over the data
+    tell: function called with the current step, for a progress line
     """
     context = lessons.context
     middle, spread = context.mean(axis=0), context.std(axis=0) + 1e-3

@@ -19,15 +19,15 @@ from ..tracking.forces import rest_pose
 
 #: File of a folder of presses that lists them.
 LIST = "presses.csv"
-#: Columns of a list of presses by force, beside `file`; the second may be left out, and is 0 then.
+#: Columns of a list of presses by force, next to `file`; the second is optional (default 0).
 BY_FORCE = ("normal_n", "lateral_n")
-#: Columns that a list by force may have beside, on a dome of silicone; 0 where left out or empty.
+#: Optional columns of a list by force, for a dome of silicone; 0 if missing or empty.
 ON_SILICONE = ("torque_nmm", "radius_mm")
 #: Columns of a list of presses by displacement, likewise.
 BY_PLACE = ("depth_mm", "shear_mm")
 #: Smallest share of the pairs at rest that a picture of a press shows.
 _VISIBLE = 0.5
-#: Time between presses that the tracker is given, which needs one [s].
+#: Time between presses for the tracker, which needs times [s].
 _PERIOD = 1.0
 
 
@@ -37,10 +37,10 @@ class Press:
 
     Attributes
     ----------
-    name: of the picture
+    name: name of the picture
     normal, lateral: forces [N], or displacements [m]
-    torque: about the normal, by the right hand about the way out of the dome [N·m]
-    radius: of the ball [m]; 0 is a plate
+    torque: torque about the normal, right-handed about the direction out of the dome [N·m]
+    radius: radius of the ball [m]; 0: a plate
     """
 
     name: str
@@ -56,10 +56,10 @@ class Pressed:
 
     Attributes
     ----------
-    presses: in the order in which they were tracked
+    presses: presses in the order in which they were tracked
     rest: tracks of the unloaded sensor
-    tracks: of each press
-    noise: of the camera [grey levels]
+    tracks: tracks of each press
+    noise: standard deviation of a pixel [grey levels]
     """
 
     presses: list[Press]
@@ -81,18 +81,18 @@ def track_presses(
 
     Parameters
     ----------
-    folder: with `rest*` pictures and those of the presses
-    presses: in the order in which they are tracked
+    folder: folder with `rest*` pictures and those of the presses
+    presses: presses in the order in which they are tracked
     sensor: design, which has the markers' dyes
     tracker: see `load_tracker`
-    noise: of the camera [grey levels]; None estimates it from the rest pictures
-    tell: called with the current step, for a progress line
-    max_megapixels: largest picture that is decoded
+    noise: standard deviation of a pixel [grey levels]; None: estimated from the rest pictures
+    tell: function called with the current step, for a progress line
+    max_megapixels: largest picture that is decoded [10⁶ pixels]
 
     Raises
     ------
     UserError
-        With the picture and what is wrong with it.
+        For a picture that cannot be used, with its name and the reason.
     """
     files = sorted(p for p in folder.iterdir() if is_picture(p) and p.name.startswith("rest"))
     if not files:

@@ -45,7 +45,7 @@ VARIATIONS = VariationRanges()
 _AT_ONCE = 50
 #: Frames at rest from which the noise of the shifts is found.
 _FRAMES = 8
-#: File beside the parts that names the sensor and noise that they are of.
+#: File next to the parts with the sensor and the noise of their training.
 _SETTINGS = "settings.json"
 
 

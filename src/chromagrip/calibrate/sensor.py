@@ -331,7 +331,7 @@ def save_calibration(
     Parameters
     ----------
     calibration, sensor, report: see `calibration_table`
-    path: of the file
+    path: path of the file
 
     Raises
     ------

@@ -95,10 +95,10 @@ def training_ranges(
 
     Parameters
     ----------
-    variations: of specimen and picture
-    noise: of the camera [grey levels]
-    histories: that were learned from
-    epochs: passes over them
+    variations: ranges of variations of specimen and picture
+    noise: standard deviation of a pixel [grey levels]
+    histories: number of histories of the training
+    epochs: number of passes over them
     """
     noise_levels = (NOISE[0] * noise, NOISE[1] * noise)
     return {

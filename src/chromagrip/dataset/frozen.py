@@ -82,7 +82,7 @@ class Frozen:
 
 
 def frozen_as(recipe: Recipe) -> Frozen | None:
-    """Find the frozen recipe equal to this one but for sequences, truth, reading and store."""
+    """Find the frozen recipe equal to this one, except for sequences, truth, reading, store."""
     for file in sorted(SHIPPED.iterdir(), key=lambda file: file.name):
         name = file.name.removesuffix(".json")
         if name == file.name:

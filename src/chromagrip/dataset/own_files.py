@@ -1,4 +1,4 @@
-"""Copies of the user's own files in a dataset, so that it can be read wherever it is moved to.
+"""Copies of the user's own files in a dataset, so that it can be read anywhere.
 
 sensors/mine/        mine.toml, and the files that it names
 objects/             meshes
@@ -56,7 +56,7 @@ def keep_files(recipe: Recipe, folder: Path) -> Recipe:
 
 
 def _files(path: Path) -> dict[str, bytes]:
-    """A sensor's file and those that it names, by name in one folder."""
+    """Read a sensor's file and those that it names, by name in one folder."""
     values = read_toml(path, f"sensor file {path}")
     beside: dict[str, bytes] = {}
     for table, key in FILES_NAMED:

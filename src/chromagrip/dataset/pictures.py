@@ -91,14 +91,14 @@ def change_png(image: Image, rest: Image) -> bytes:
 
 @dataclass(frozen=True, kw_only=True)
 class Pictures:
-    """Pictures of the frames of a sequence, RGB, shape (H, W, 3); read when they are asked for.
+    """Pictures of the frames of a sequence, RGB, shape (H, W, 3), read on demand.
 
     Attributes
     ----------
-    folder: of the sequence
-    files: one for each frame, in order
-    store: how they are kept
-    size: height and width of each [px]; None where they are not known
+    folder: folder of the sequence
+    files: file of each frame, in order
+    store: format of the kept pictures
+    size: height and width of each [px]; None if they are unknown
     """
 
     folder: Path
@@ -164,11 +164,11 @@ def pictures_in(folder: Path, size: tuple[int, int] | None = None) -> Pictures:
 
 @contextmanager
 def shown(folder: Path) -> Iterator[Path]:
-    """Folder with the pictures of a sequence as files with noise; its own, or for the time being.
+    """Folder with the pictures of a sequence as files with noise: its own, or a temporary one.
 
     Parameters
     ----------
-    folder: of the sequence
+    folder: folder of the sequence
     """
     pictures = pictures_in(folder)
     if pictures.store == "noisy":

@@ -44,10 +44,10 @@ def is_address(place: Place) -> bool:
 
 
 def fetched(place: Place, follow_links: bool = False) -> Path:
-    """Folder with a whole dataset: its own, or a copy of what is at an address.
+    """Folder with a complete dataset: the given one, or a copy of that at an address.
 
-    Every reader of a dataset begins here. Names of files are those of the format, so that nothing
-    is read or written outside of the folder.
+    Every reader of a dataset begins here. Only names of the format are accepted, so that no file
+    outside of the folder is read or written.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ def fetched(place: Place, follow_links: bool = False) -> Path:
     Raises
     ------
     UserError
-        When there is no whole dataset at the address, it does not answer, or a link leads out of
-        the folder.
+        When there is no complete dataset at the address, it does not answer, or a link leads out
+        of the folder.
     """
     if not is_address(place):
         folder = Path(place)
@@ -88,7 +88,7 @@ def fetched(place: Place, follow_links: bool = False) -> Path:
 
 
 def fetch_begun(address: str) -> Path:
-    """Folder in which a dataset is made that goes to an address, with what is there already.
+    """Folder for making a dataset that is copied to an address, with the sequences there so far.
 
     Raises
     ------
@@ -128,7 +128,7 @@ class Sender:
 
     Parameters
     ----------
-    folder, address: from and to
+    folder, address: source and destination of the copies
     """
 
     def __init__(self, folder: Path, address: str) -> None:
@@ -140,25 +140,25 @@ class Sender:
         self._sent = {name for name in sent if is_sequence(name) and (folder / name).is_dir()}
 
     def again(self, names: Iterable[str]) -> None:
-        """Copy these sequences although they were copied: they are made again."""
+        """Copy these sequences again, because they are made again."""
         self._sent.difference_update(names)
 
     def send(self) -> None:
-        """Copy the sequences that are new; every few seconds, as it may be called often."""
+        """Copy new sequences, at most once in a few seconds."""
         if time.monotonic() < self._last + _EVERY:
             return
         with _blaming(self._address):
             fs, root = _opened(self._address)
             for one in sorted(self._folder.glob("sequence-*")):
                 if one.name not in self._sent:
-                    # A sequence without it is not whole.
+                    # A sequence without it is not complete.
                     for file in sorted(one.iterdir(), key=lambda f: f.name == FILES):
                         fs.put_file(str(file), f"{root}/{one.name}/{file.name}")
                     self._sent.add(one.name)
         self._last = time.monotonic()
 
     def finish(self) -> None:
-        """Copy what is left, the manifest last."""
+        """Copy the remaining files, the manifest last."""
         self._last = 0.0
         self.send()
         with _blaming(self._address):

@@ -53,10 +53,10 @@ class Sequence:
 
     Attributes
     ----------
-    number: in the dataset
-    values: that were drawn
-    scene: with these values
-    samples: of the run, without images
+    number: number in the dataset
+    values: drawn values
+    scene: scene with these values
+    samples: samples of the run, without images
     """
 
     number: int

@@ -26,23 +26,23 @@ class Frames:
 
     An item is a dictionary: `image`, uint8 (3, H, W); `rest`, the same of the untouched sensor;
     `sequence` and `frame`, numbers; and each label, float32 or bool. Tables are read when the
-    dataset is made, pictures when an item is asked for, so that workers share nothing.
+    dataset is made, pictures when an item is read, so that workers do not share state.
 
     Parameters
     ----------
-    folder: of the dataset
-    part: of its split; None is all of it
-    labels: columns of the frames, the markers and the nodes; those of pixels (`flow`, `depth`, …)
-        where the dataset has them
-    noise: standard deviation that is added to the pictures [grey levels]
-    seed: of the noise, which depends on the index, the seed and nothing else
+    folder: folder of the dataset, or its address
+    part: part of its split (default: all sequences)
+    labels: columns of the frames, the markers and the nodes, and labels of pixels (`flow`, `depth`,
+        …) if the dataset has them
+    noise: standard deviation of the noise added to the pictures [grey levels]
+    seed: seed of the noise, which depends only on it and the index
     with_rest: whether items have `rest`
     follow_links: whether links in the folder may lead out of it, as in caches of hubs
 
     Raises
     ------
     UserError
-        For a folder without a dataset, a part or a label that there is not.
+        For a folder without a dataset, an unknown part or an unknown label.
     """
 
     def __init__(

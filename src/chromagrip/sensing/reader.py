@@ -218,8 +218,8 @@ class Reader:
             image = replace(image, time=number(time, "time of the picture [s]"))
         if image.time < self._last:
             raise UserError(
-                f"the picture of {image.time:g} s came after that of {self._last:g} s; a reader "
-                "needs pictures in order of time, or make a new reader"
+                f"the picture of {image.time:g} s came after that of {self._last:g} s; give "
+                "pictures in order of time, or make a new reader"
             )
         self._last = image.time
         return self.read(image, self.track(image))

@@ -164,7 +164,7 @@ class SiliconeFit:
         return self._at(np.zeros(len(self.spread)), np.stack(owns))
 
     def settled(self, point: Point, rounds: int) -> Point:
-        """The point with the unknowns of its presses, ln E and the gains fitted anew."""
+        """Fit the unknowns of a point's presses, ln E and the gains again."""
         damping = 1e-3
         residual = self.residual(point)
         for _ in range(rounds):

@@ -47,15 +47,15 @@ Stats = dict[str, list[Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class Episode:
-    """A sequence as LeRobot lists it.
+    """A sequence in LeRobot's list of episodes.
 
     Attributes
     ----------
-    number: of the episode
+    number: number of the episode
     start: index of its first frame in the dataset
     length: number of its frames
-    task: what it shows
-    stats: by feature
+    task: description of the task
+    stats: statistics by feature
     """
 
     number: int

@@ -11,12 +11,12 @@ class Column(NamedTuple):
 
     Attributes
     ----------
-    meaning: of its values
-    unit: empty for a number, a word or a flag
-    law: from which its values follow; what ties them to the scene and to other columns
-    tolerance: largest difference from the law, in its unit; words and flags have none
-    share: a further tolerance, as a share of the largest size in the column
-    missing: where a value may be NaN; empty where it never is
+    meaning: meaning of its values
+    unit: unit of its values; empty for a number, a word or a flag
+    law: law from which its values follow, by the scene and other columns
+    tolerance: largest difference from the law, in its unit; not used for words and flags
+    share: further tolerance, as a share of the largest size in the column
+    missing: condition under which a value may be NaN; empty: never
     """
 
     meaning: str
@@ -32,9 +32,9 @@ class Columns(NamedTuple):
 
     Attributes
     ----------
-    frame: of `frames.parquet`, a value for each frame
-    markers: of `markers.parquet`, lists of 2M, layer 0 (magenta) before 1 (yellow), or of M
-    nodes: of `markers.parquet` too, lists of the N nodes of the body
+    frame: columns of `frames.parquet`, a value for each frame
+    markers: columns of `markers.parquet` with lists of 2M, layer 0 (magenta) first, or of M
+    nodes: columns of `markers.parquet` with lists of the N nodes of the body
     """
 
     frame: dict[str, Column]

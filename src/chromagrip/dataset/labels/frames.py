@@ -33,13 +33,13 @@ def labelled(
     truth: tuple[str, ...],
     clean: bool = False,
 ) -> Iterator[Shot]:
-    """Frames of a run with their labels.
+    """Render the frames of a run with their labels.
 
     Parameters
     ----------
-    scene: of the run
-    samples: of the run, with their truth
-    sensor: that takes the pictures
+    scene: scene of the run
+    samples: samples of the run, with their truth
+    sensor: sensor that takes the pictures
     truth: names of labels of every pixel
     clean: whether the pictures are without noise
     """

@@ -29,11 +29,11 @@ _ROUNDED, _OPEN = 2e-9, 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class Stored:
-    """Labels of a sequence as a dataset has them.
+    """Stored labels of a sequence.
 
     Attributes
     ----------
-    scene: of the sequence
+    scene: scene of the sequence
     frames, markers: columns of `frames.parquet` and of `markers.parquet`
     again: samples of the scene simulated again
     """
@@ -72,9 +72,9 @@ def differences(columns: dict[str, Column], stored: Table, lawful: Table) -> Ite
 
     Parameters
     ----------
-    columns: that are compared
-    stored: their values
-    lawful: what laws say of them
+    columns: columns to compare
+    stored: stored values
+    lawful: values by the laws
     """
     # Words, flags and counts follow from numbers, which are named first.
     for name in sorted(columns, key=lambda name: stored[name].dtype.kind != "f"):

@@ -39,14 +39,15 @@ def with_readings(
     shots: Iterator[Shot],
     noisy: Callable[[Shot], Image] = lambda shot: shot.image,
 ) -> Iterator[Shot]:
-    """Frames with their reading beside their labels.
+    """Add a reconstructor's estimates to the labels of frames.
 
     Parameters
     ----------
-    scene: of the sequence, of which sensor and camera are used
-    reconstructor: name; `auto` is that of the scene's body
+    scene: scene of the sequence; only sensor and camera are used
+    reconstructor: name of the reconstructor; `auto`: the one for the scene's body
     rest: picture of the unloaded sensor
-    noisy: the camera's picture of a frame
+    shots: frames with their labels
+    noisy: function that gives the camera's picture of a frame
     """
     with one_thread():
         read = _reader(scene, reconstructor, rest)
@@ -102,12 +103,12 @@ def _values(row: Row) -> Values:
 
 
 def reading_lines(reconstructor: str, tables: "Iterable[pa.Table]") -> list[str]:
-    """Lines of a card on the reading of frames in contact; none where there is no reading.
+    """Lines of a card on the estimates for frames in contact; empty without estimates.
 
     Parameters
     ----------
-    reconstructor: that the recipe names
-    tables: of the frames of each sequence
+    reconstructor: reconstructor that the recipe names
+    tables: table of the frames of each sequence
     """
     if not reconstructor:
         return []

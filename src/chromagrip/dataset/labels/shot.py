@@ -23,11 +23,11 @@ class Shot:
 
     Attributes
     ----------
-    image: of the camera, RGB, shape (H, W, 3)
-    values: of the frame, by column
-    markers: by column, the first layer's before the second's, shape (2M,) or (M,)
-    nodes: of the body, by column, shape (N,)
-    truth: labels of every pixel that the recipe has, by name; see `GroundTruth`
+    image: picture of the camera, RGB, shape (H, W, 3)
+    values: values of the frame, by column
+    markers: values of markers by column, the first layer's first, shape (2M,) or (M,)
+    nodes: values of the body's nodes, by column, shape (N,)
+    truth: labels of every pixel in the recipe, by name; see `GroundTruth`
     """
 
     image: Image
@@ -44,7 +44,8 @@ def common_values(
 
     Parameters
     ----------
-    grip, load: of the drive on the object [N]
+    sample: sample of the frame
+    grip, load: grip and load of the drive on the object [N]
     slips: nodes in contact that slip, shape (N,)
     """
     truth = sample.contact

@@ -102,13 +102,13 @@ def to_parquet(table: "pa.Table") -> bytes:
 def read_table(
     path: Path, rows: int, types: "Mapping[str, pa.DataType]", others: bool = False
 ) -> "pa.Table":
-    """Columns of a Parquet file, which is judged by its metadata before it is decoded.
+    """Read columns of a Parquet file; its metadata are checked before it is decoded.
 
     Parameters
     ----------
-    path: of the file
-    rows: that it must have
-    types: of the columns that are read, none of whose values is missing
+    path: path of the file
+    rows: required number of rows
+    types: types of the columns to read, in which no value may be missing
     others: whether all other columns are read too, of any type
 
     Raises
