@@ -89,6 +89,7 @@ class Dome:
 
     def with_thickness(self, thickness: float) -> Self:
         """Copy with another thickness of the silicone [m]."""
+        within("thickness of the dome", thickness / self.radius, "of the radius", 0.03, 0.95)
         return replace(self, core=self.radius - thickness)
 
     @property

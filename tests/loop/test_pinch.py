@@ -315,7 +315,10 @@ def test_what_is_for_one_finger_is_refused() -> None:
     [
         ({"body": "chain"}, 'for body = "dome"'),
         ({"load.forces_n": [0.1, 0.2]}, r"load.forces_n = \(0.1, 0.2\) is for one finger"),
-        ({"object.shape": "ball", "object.size_mm": [], "object.rounding_mm": 0.0}, "of finite size"),
+        (
+            {"object.shape": "ball", "object.size_mm": [], "object.rounding_mm": 0.0},
+            "of finite size",
+        ),
         ({"pinch.hand_mm": [[0.0, 0.0, 0.0]]}, "hand_times_s has 3 entries and hand_mm 1"),
         ({"pinch.hand_times_s": [0.1, 0.2, 0.3]}, "increase from 0"),
         ({"pinch.mass_g": 0.0}, "must be above 0"),

@@ -5,7 +5,6 @@ from typing import Annotated, Any
 
 from msgspec import Meta
 
-from ..errors import UserError
 from ..model import SoftBody
 from ..strict_toml import NotNegative, Table
 
@@ -45,11 +44,9 @@ class DomeSettings(Table, frozen=True):
             "relaxation": 1e-3 * self.relaxation_ms,
         }
         thickness = 1e-3 * self.thickness_mm
-        if thickness > dome.radius:
-            raise UserError(
-                f"dome.thickness_mm = {self.thickness_mm:g} must be below the radius of "
-                f"{1e3 * dome.radius:g} mm"
-            )
         given = {name: value for name, value in changes.items() if value}
         changed = replace(dome, **given, stiffening=self.stiffening)
-        return changed.with_thickness(thickness) if thickness else changed
+        if not thickness:
+            return changed
+        with located(f"dome.thickness_mm = {self.thickness_mm:g}"):
+            return changed.with_thickness(thickness)

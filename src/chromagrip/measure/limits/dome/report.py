@@ -53,9 +53,9 @@ class DomeLimit(BodyLimit):
     grip: Grip
 
     def __post_init__(self) -> None:
+        self.design.round_dome("limit --body dome")
         if self.design.markers.form != "disc":
             raise UserError("the bound of markers is that of discs")
-        self.design.round_dome("limit --body dome")
 
     @staticmethod
     def default_designs() -> tuple[str, ...]:
