@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta
 
+from ..errors import located
 from ..model import SoftBody
 from ..strict_toml import NotNegative, Table
 
