@@ -70,8 +70,7 @@ def equilibrium(
 
     Parameters
     ----------
-    fingertip: chain
-    obj: object
+    fingertip, obj: chain and object
     grip: force on the rigid part along z, above 0 [N]
     load: force on the object along x (default 0) [N]
     state: state at the start, loaded in one part (default: rest, loaded in `parts`)

@@ -51,13 +51,11 @@ def run(
     progress: function called after every frame with the number of frames done and of all frames
     controller: controller in place of the scene's: an object with `reset` and `command`, a class or
         other factory without arguments, or a name
-    tracker, reconstructor, renderer: methods in place of the scene's: a class or other factory, or
-        a name
-    frames: format in which the camera's raw pictures are kept in the folder `frames` of `out`, for
-        two fingers in its folders `first` and `second` (default: they are not kept)
+    tracker, reconstructor, renderer: methods in place of the scene's: a class, factory or name
+    frames: format of the camera's raw pictures, kept in `out`/frames, for two fingers in its
+        folders `first` and `second` (default: they are not kept)
     log: formats in which the run is also written into `out`, for other tools: `mcap`, `rerun`
-    answer_within_s: time in which a controller that is not ours must answer; inf: no limit (default
-        60) [s]
+    answer_within_s: time limit for a controller that is not ours (default 60; inf: no limit) [s]
 
     Returns
     -------
