@@ -146,12 +146,10 @@ def test_a_recording_shows_its_video(
     assert frames[-1].true is None
 
 
-def test_folders_that_are_no_run_of_one_finger(typed: Typed, dome: Path, tmp_path: Path) -> None:
-    pinch = shutil.copytree(dome, tmp_path / "pinch")
-    summary = (pinch / "summary.json").read_text()
-    (pinch / "summary.json").write_text(summary.replace('"dome"', '"pinch"', 1))
+def test_folders_that_are_no_run_of_one_finger(typed: Typed, tmp_path: Path) -> None:
+    pinch = Path(__file__).parents[2] / "fixtures" / "written-before" / "pinch"
     for folder, sentence in (
-        (pinch, "is a pinch of two: see its report.html"),
+        (pinch, f"see report.html of {pinch}: the live page shows one finger; this scene is a"),
         (tmp_path, "is not a finished run: it has no summary.json"),
     ):
         done = typed("live", "--run", folder)

@@ -32,7 +32,7 @@ def serve_run(run: RunRead, address: Address) -> None:
     UserError
         When the address cannot be used, or the run cannot be shown.
     """
-    need_one_finger(run.scene, f"run {run.folder} has a report.html; the live page shows")
+    need_one_finger(run.scene, f"see report.html of {run.folder}: the live page shows")
     with serving(address) as server:
         view = GraspView(server)
         if not not_repeated(run):
