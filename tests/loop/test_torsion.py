@@ -170,5 +170,5 @@ def test_the_margin_of_friction_alone_lets_the_object_turn() -> None:
 
 
 def test_a_chain_has_no_torsion_to_hold() -> None:
-    with pytest.raises(UserError, match=r'held_margin = "friction" is for body = "dome"'):
+    with pytest.raises(UserError, match=r"held_margin = 'friction' is for body = .dome."):
         load_scene("thesis", {"held_margin": "friction"})

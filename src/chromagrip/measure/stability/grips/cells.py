@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +16,8 @@ from ..cells import SWING, swing
 from ..panels import Outcome, Outcomes
 
 Array = NDArray[np.float64]
-#: World of a map: one dome and a load, or two of them and an object with a weight.
-World = Literal["dome", "pinch"]
+#: World of a map: `dome`, one and a load, or `pinch`, two of them and an object with a weight.
+World = str
 #: Outcomes, best first. Where several hold, the last counts.
 OUTCOMES: Outcomes = {
     "holds": Outcome("#8fd0c5", "", "none of the others"),
