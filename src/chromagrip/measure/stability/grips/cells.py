@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from ..panels import Outcome, Outcomes
 
 Array = NDArray[np.float64]
 #: World of a map: `dome`, one and a load, or `pinch`, two of them and an object with a weight.
-World = str
+World = Literal["dome", "pinch"]
 #: Outcomes, best first. Where several hold, the last counts.
 OUTCOMES: Outcomes = {
     "holds": Outcome("#8fd0c5", "", "none of the others"),
@@ -34,7 +35,7 @@ OUTCOMES: Outcomes = {
 #: Time at the end over which the swing is measured [s].
 HELD = 1.0
 #: Scene of one dome, and of two; all that a setting does not name is theirs.
-SCENES: dict[World, str] = {"dome": "chromatouch-2022", "pinch": "pinch-lift"}
+SCENES: dict[str, str] = {"dome": "chromatouch-2022", "pinch": "pinch-lift"}
 #: Share of the load at which the scene of one dome rests on its way to the whole.
 FIRST_SHARE = 0.6
 #: Gains of Safety Margin for one finger at a camera's rate. Those of `pinch-lift` are others.
@@ -57,7 +58,7 @@ class Setting:
     margin_noise: white noise on Γ, standard deviation
     """
 
-    world: World
+    world: str
     controller: str = "margin-inversion"
     rate_hz: float = 60.0
     latency_frames: int = 1
@@ -82,7 +83,7 @@ class Setting:
             **{f"safety_margin.{name}": value for name, value in GAINS.items()},
         }
         first = FIRST_SHARE * self.load_n
-        own: dict[World, dict[str, object]] = {
+        own: dict[str, dict[str, object]] = {
             "dome": {"load.forces_n": [0.0, first, first, self.load_n]},
             "pinch": {
                 "pinch.mass_g": self.mass_g,
@@ -151,7 +152,7 @@ def _motion_in_pinch(result: Result) -> tuple[Array, Array, str]:
     return trace["slide_mm"], trace["turn_deg"], str(result.summary["outcome"])
 
 
-_MOTIONS: dict[World, Callable[[Result], tuple[Array, Array, str]]] = {
+_MOTIONS: dict[str, Callable[[Result], tuple[Array, Array, str]]] = {
     "dome": _motion_on_dome,
     "pinch": _motion_in_pinch,
 }

@@ -13,7 +13,7 @@ from ....model import Motion, dome_forces, simulate_contact, torsion
 from ....model.shapes import plane
 from ....scene.scene import Scene
 from ..linear import LinearLoop, Plant, critical_period
-from .cells import FIRST_SHARE, Setting, World
+from .cells import FIRST_SHARE, Setting
 
 #: Gravity [m/s²].
 G = 9.81
@@ -36,7 +36,7 @@ class Press(NamedTuple):
 
 
 @cache
-def pressed(world: World, force: float) -> Press:
+def pressed(world: str, force: float) -> Press:
     """Press of a world's dome under a force [N]."""
     scene = Setting(world=world).scene()
     dome, solid = scene.build_dome(), replace(scene.build_solid(), shape=plane())
