@@ -91,8 +91,7 @@ def equilibrium(
     if parts < 1:
         raise UserError(f"parts must be at least 1, got {parts!r}")
     ch, ct = chain(fingertip), contact(fingertip, obj)
-    start = replace(rest_state(fingertip) if state is None else state, time=0.0, step=0.0)
-    now = start
+    now = start = replace(rest_state(fingertip) if state is None else state, time=0.0, step=0.0)
     if state is None:
         stages = 2 if load else 1
         path = Drive(

@@ -56,8 +56,7 @@ def run(
     frames: format in which the camera's raw pictures are kept in the folder `frames` of `out`, for
         two fingers in its folders `first` and `second` (default: they are not kept)
     log: formats in which the run is also written into `out`, for other tools: `mcap`, `rerun`
-    answer_within_s: time in which a controller that is not ours must answer; inf: no limit (default
-        60) [s]
+    answer_within_s: longest wait for a controller that is not ours; inf: no limit (default 60) [s]
 
     Returns
     -------
