@@ -40,7 +40,9 @@ def _rgb(colour: str) -> Colour:
 
 
 #: Colours of the truth, the estimates and further lines, and of the estimates' intervals.
-TRUTH, SEEN, OTHER = _rgb(TRUE), _rgb(ESTIMATED), _rgb(LOAD)
+TRUTH = _rgb(TRUE)
+SEEN = _rgb(ESTIMATED)
+OTHER = _rgb(LOAD)
 _BAND = "#f6decb"
 BAND = _rgb(_BAND)
 
