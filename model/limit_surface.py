@@ -8,9 +8,6 @@ from .kernels.slip_kernels import least_work
 
 Array = NDArray[np.float64]
 
-#: Rounds of the search for the motion that needs the least.
-_ROUNDS = 200
-
 
 def margin_within(field: ForceField, mu: float) -> float:
     """Margin 1 − 1/λ, λ the factor by which friction and torsion may grow; NaN with no contact.
@@ -45,7 +42,8 @@ def margin_within(field: ForceField, mu: float) -> float:
     load = np.einsum("ijk,ik->j", moves, friction)
     if np.linalg.norm(load) < 1e-12 * mu * whole:
         return 1.0
-    least = least_work(np.ascontiguousarray(moves), normal, mu, load, _ROUNDS)
+    rounds = 200  # rounds of the search for the motion that needs the least
+    least = least_work(np.ascontiguousarray(moves), normal, mu, load, rounds)
     return 1.0 - 1.0 / least
 
 

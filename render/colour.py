@@ -3,9 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-#: Steps of the encoding table over linear light 0…1; its coarsest step is 0.8 grey levels.
-ENCODE_STEPS = 4096
-
 
 def decode_srgb(level: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """Linear light 0…1 of sRGB levels 0…255 (IEC 61966-2-1), of the shape of `level`.
@@ -36,4 +33,6 @@ def decoding_table() -> NDArray[np.float64]:
 
 def encoding_table() -> NDArray[np.uint8]:
     """8-bit level of linear light in steps of 1/(ENCODE_STEPS − 1), shape (ENCODE_STEPS,)."""
-    return np.rint(encode_srgb(np.linspace(0.0, 1.0, ENCODE_STEPS))).astype(np.uint8)
+    # Steps of the encoding table over linear light 0…1; its coarsest step is 0.8 grey levels.
+    steps = 4096
+    return np.rint(encode_srgb(np.linspace(0.0, 1.0, steps))).astype(np.uint8)

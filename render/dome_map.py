@@ -13,11 +13,6 @@ from .place_kernels import carry_in_silicone
 
 Array = NDArray[np.float64]
 
-#: Points of the circle where nothing moves: a dome's equator, or one around a pad.
-_EQUATOR = 72
-#: Largest distance of points that tell how a layer moves, in depths of the layer.
-_APART = 1.3
-
 
 class DomeMap:
     """Maps forces on the skin to the membrane of its sensor; built once, called every frame.
@@ -91,8 +86,10 @@ class DomeSheets:
 
     def __init__(self, sensor: SensorDesign, dome: SoftBody, under: list[Array]) -> None:
         depths = layer_depths(sensor, dome)
+        # Largest distance of points that tell how a layer moves, in depths of the layer.
+        apart = 1.3
         # Between points farther apart than it is deep a motion is not known.
-        finer = max(dome.spacing / 2.0, _APART * min(depths))
+        finer = max(dome.spacing / 2.0, apart * min(depths))
         inside, nodes = dome.places(min(dome.spacing, finer)), lattice(dome).places
         self._layers = MarkerField(dome, np.broadcast_to(inside, (2, *inside.shape)), depths)
         self._skin = SkinField(dome)
@@ -128,7 +125,8 @@ class DomeSheets:
 
 def _with_equator(places: Array, dome: SoftBody) -> "tuple[Array, scipy.spatial.Delaunay]":
     """Places and those of the equator, and triangles of them all."""
-    turn = np.linspace(0.0, 2.0 * np.pi, _EQUATOR, endpoint=False)
+    count = 72  # points of the circle where nothing moves: a dome's equator, or one around a pad
+    turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     equator = np.column_stack([np.full_like(turn, dome.end), turn])
     whole = np.concatenate([places, equator])
     return whole, scipy.spatial.Delaunay(_chart(whole))

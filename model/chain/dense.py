@@ -25,16 +25,6 @@ from .state import Deformation, State
 
 Array = NDArray[np.float64]
 
-#: Friction that a falling normal force leaves outside its cone comes back at this share of the
-#: bristle's own rate σ0/c.
-CONE_SHARE = 0.2
-#: A run has diverged when a node is further than this from rest [m].
-LOST = 1.0
-#: Step of differences: small beside contact depths, large beside rounding [m or N].
-NUDGE = 1e-9
-#: Absolute and relative tolerance of SciPy's integrators.
-TOLERANCES = (1e-9, 1e-6)
-
 
 def stiffness_matrix(ch: Chain, u: Array, rigid: float) -> Array:
     """K of the thesis's Fig. 6, rows and columns x of N nodes and the rigid part, then z of them.
@@ -151,7 +141,10 @@ def _dahl_rate(
 ) -> Array:
     """dF/dt of the Dahl law (thesis Eq. 5), kept in the cone µFn as the normal force changes."""
     safe = np.maximum(limit, 1e-300)
-    back = CONE_SHARE * ct.bristle * ch.share / ch.damping
+    # Friction that a falling normal force leaves outside its cone comes back at this share of the
+    # bristle's own rate σ0/c.
+    cone_share = 0.2
+    back = cone_share * ct.bristle * ch.share / ch.damping
     z = 1.0 - np.clip(friction / safe, -1.0, 1.0) * np.sign(speed)
     rate = ct.bristle * ch.share * z**ct.exponent * speed
     side = np.sign(friction)
@@ -226,7 +219,7 @@ def adaptive(
 ) -> Iterator[tuple[int, Array]]:
     """Number and state vector of the last of some steps, which SciPy divides as it needs."""
     end = time + steps * dt
-    absolute, relative = TOLERANCES
+    absolute, relative = 1e-9, 1e-6
     solution = scipy.integrate.solve_ivp(
         rates, (time, end), y, method, t_eval=[end], max_step=dt, atol=absolute, rtol=relative
     )
@@ -292,7 +285,8 @@ BDF = partial(Dense, "bdf", partial(adaptive, "BDF"))
 def _refuse_lost(
     method: str, y: Array, step: int, ch: Chain, ct: Contact, state: State, dt: float
 ) -> None:
-    if not abs(y[: 2 * len(ch.share) + 1]).max() < LOST:
+    lost = 1.0  # a run has diverged when a node is further than this from rest [m]
+    if not abs(y[: 2 * len(ch.share) + 1]).max() < lost:
         limit = stable_step(ch, ct, state, method)
         raise DivergedError(
             f"{method} diverged at step {step} with dt = {dt:.3g} s; linear theory predicts "
@@ -312,9 +306,10 @@ def stable_step(ch: Chain, ct: Contact, state: State, method: str = "euler") -> 
     y = pack(state)
     still = rates(0.0, y)
     jacobian = np.empty((len(y), len(y)))
+    nudge = 1e-9  # step of differences: small beside contact depths, large beside rounding [m or N]
     for k in range(len(y)):
         nudged = y.copy()
-        nudged[k] += NUDGE
-        jacobian[:, k] = (rates(0.0, nudged) - still) / NUDGE
+        nudged[k] += nudge
+        jacobian[:, k] = (rates(0.0, nudged) - still) / nudge
     largest = abs(np.linalg.eigvals(jacobian)).max()
     return float(STABLE.get(method, 2.0) / largest)

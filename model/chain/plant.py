@@ -28,10 +28,6 @@ Array = NDArray[np.float64]
 IMPLICIT = Rule(tolerance=1e-9, max_iterations=30, turning=1.0, second_order=True, lagged=False)
 #: One linear solve a step, everything linearised at its start, first order.
 LAGGED = Rule(tolerance=0.0, max_iterations=1, turning=0.0, second_order=False, lagged=True)
-#: Largest number of parts of a step that does not converge …
-MAX_PARTS = 3000
-#: … and length of the shortest one, as a share of the step.
-SHORTEST = 1e-12
 NO_RECORD = record(0, 0)
 
 
@@ -244,14 +240,16 @@ def _in_parts(
     """
     u_before, pose_before = y[0].copy(), y[3].copy()
     waiting = [(start + dt / 2, dt / 2), (start, dt / 2)]
-    for _ in range(MAX_PARTS):
+    # Largest number of parts of a step that does not converge, and the shortest one over the step.
+    most_parts, shortest = 3000, 1e-12
+    for _ in range(most_parts):
         now, part = waiting.pop()
         # A jump at the start of the step is felt by all of its parts.
         goal = drive.at(np.array([now + part]))
         _, ended = advance(ch, ct, memory, *y, part, last, drive.held, goal, rule, NO_RECORD, 0, 2)
         if ended == SOLVED:
             last = part
-        elif ended == UNSOLVED and part > SHORTEST * dt:
+        elif ended == UNSOLVED and part > shortest * dt:
             waiting += [(now + part / 2, part / 2), (now, part / 2)]
         else:
             raise _broken(ended, now + part, goal[0], dt)

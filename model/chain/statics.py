@@ -21,10 +21,6 @@ from .state import State, rest_state
 #: spring snaps through is halved until the dampers hold it.
 LONG = 1e4
 QUASI_STATIC = IMPLICIT._replace(second_order=False)
-#: In balance, no node moves by more than this in another such step [m] …
-STILL = 1e-9
-#: … and largest number of such steps.
-MAX_HOLDS = 50
 
 
 def largest_grip(fingertip: Fingertip, obj: ContactObject) -> float:
@@ -90,8 +86,7 @@ def equilibrium(
     if parts < 1:
         raise UserError(f"parts must be at least 1, got {parts!r}")
     ch, ct = chain(fingertip), contact(fingertip, obj)
-    start = replace(rest_state(fingertip) if state is None else state, time=0.0, step=0.0)
-    now = start
+    now = start = replace(rest_state(fingertip) if state is None else state, time=0.0, step=0.0)
     if state is None:
         stages = 2 if load else 1
         path = Drive(
@@ -103,12 +98,12 @@ def equilibrium(
         with located("on the way to these forces"):
             now = march(ch, ct, start, path, LONG, steps, steps, QUASI_STATIC).state(-1)
     goal = Drive.constant(grip, load)
-    for _ in range(MAX_HOLDS):
+    for _ in range(50):
         before = now
         now = march(ch, ct, before, goal, LONG, 1, 1, QUASI_STATIC).state(-1)
         pose = now.deformation.object_position - before.deformation.object_position
         moved = abs(now.deformation.nodes - before.deformation.nodes).max()
-        if max(abs(pose), moved) < STILL:
+        if max(abs(pose), moved) < 1e-9:  # [m] in a step so long that it is in balance
             time = 0.0 if state is None else state.time
             return replace(now, time=time, rate=np.zeros_like(now.rate), step=0.0)
         if abs(pose) > fingertip.radius:

@@ -26,8 +26,6 @@ WIDTH = 0.3
 _HARMONICS = 2.45
 #: Steps of the table in half a turn, for each harmonic.
 _STEPS = 5.3
-#: Folder of the user's cache; its tables are made anew when the version changes.
-_KIND, _VERSION = "domes", "dome compliance 2"
 
 
 def nothing(done: int, total: int) -> None:
@@ -57,11 +55,13 @@ def compliance_table(body: SoftBody, progress: Callable[[int, int], None] = noth
 
 def _kept_table(dome: Dome, progress: Callable[[int, int], None]) -> Table:
     """Table of a dome, which is kept in the user's cache folder."""
-    key = content_key(_VERSION, np.array(_shape(dome)), np.array(lattice(dome).angles))
-    found = kept(_KIND, key)
+    version = "dome compliance 2"
+    key = content_key(version, np.array(_shape(dome)), np.array(lattice(dome).angles))
+    kind = "domes"  # folder of the user's cache; its tables are made anew when the version changes
+    found = kept(kind, key)
     if found is None:
         found = {"table": make_table(dome, progress)}
-        keep(_KIND, key, found)
+        keep(kind, key, found)
     return np.asarray(found["table"], np.float32)
 
 

@@ -12,14 +12,6 @@ from ..checks import finite, within
 
 Array = NDArray[np.float64]
 
-#: Default pitch of the nodes of a dome and of a pad, as a share of the radius.
-PITCH, PAD_PITCH = 1 / 20, 1 / 32
-#: Thickness over radius of the dome whose law of stiffening is used for a pad.
-_FLAT = 0.05
-#: Radius of the circle around a pad outside of which the skin does not move, over half its side.
-_FAR = 2.0
-#: Longest allowed step of a free object, as a share of a dome's radius.
-_STRIDE = 0.2
 #: The golden angle [rad]; each ring of nodes is turned by it, so that no two rings line up.
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
@@ -70,12 +62,14 @@ class Dome:
     @property
     def spacing(self) -> float:
         """Distance between neighbouring nodes [m]."""
-        return self.radius * PITCH if self.pitch is None else self.pitch
+        pitch_share = 1 / 20  # default pitch as a share of the radius
+        return self.radius * pitch_share if self.pitch is None else self.pitch
 
     @property
     def stride(self) -> float:
         """Longest step of a free object: a longer one could pass through the silicone [m]."""
-        return _STRIDE * self.radius
+        stride_share = 0.2  # longest allowed step of a free object, as a share of a dome's radius
+        return stride_share * self.radius
 
     @property
     def slenderness(self) -> float:
@@ -165,7 +159,8 @@ class Pad:
     @property
     def spacing(self) -> float:
         """Distance between neighbouring nodes [m]."""
-        return self.radius * PAD_PITCH if self.pitch is None else self.pitch
+        pitch_share = 1 / 32  # default pitch as a share of the radius
+        return self.radius * pitch_share if self.pitch is None else self.pitch
 
     @property
     def stride(self) -> float:
@@ -175,7 +170,8 @@ class Pad:
     @property
     def slenderness(self) -> float:
         """Thickness over radius of a thin dome, whose law of stiffening is used for a pad."""
-        return _FLAT
+        flat = 0.05  # thickness over radius of the dome whose law of stiffening is used for a pad
+        return flat
 
     @property
     def nodes(self) -> int:
@@ -189,7 +185,10 @@ class Pad:
     @property
     def end(self) -> float:
         """Place from which on the skin does not move: a circle outside the corners [m]."""
-        return _FAR * self.radius
+        # Radius of the circle around a pad outside of which the skin does not move, over half its
+        # side.
+        far = 2.0
+        return far * self.radius
 
     def places(self, pitch: float) -> Array:
         """Places of points a pitch apart: distance from the middle [m], azimuth [rad], (N, 2).

@@ -14,11 +14,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Finest element at the skin, in widths of a load.
-_FINEST = 1.1
-#: Growth of the elements from the skin to the core, and along the skin beyond the loads.
-_GROWTH = 1.35
-
 
 def _quadratic(x: float) -> tuple[Array, Array]:
     """Shape functions of a quadratic element at −1 ≤ x ≤ 1 and their slopes, both (3,)."""
@@ -67,7 +62,8 @@ def mesh(core: float, poisson: float, width: float, reach: float) -> Meridian:
     width: of the loads, see `loads`
     reach: angle from the apex up to which there are loads [rad]
     """
-    fine = _FINEST * width
+    finest = 1.1  # finest element at the skin, in widths of a load
+    fine = finest * width
     inner = min(reach + 3.0 * width, np.pi / 2)
     edges = np.linspace(0.0, inner, math.ceil(inner / fine) + 1)
     if np.pi / 2 - inner > 1e-9:
@@ -108,8 +104,10 @@ def mesh(core: float, poisson: float, width: float, reach: float) -> Meridian:
 def _graded(first: float, whole: float) -> Array:
     """Borders from 0 to `whole` of elements that grow from about `first`."""
     steps = [first]
+    # Growth of the elements from the skin to the core, and along the skin beyond the loads.
+    growth = 1.35
     while sum(steps) < whole:
-        steps.append(_GROWTH * steps[-1])
+        steps.append(growth * steps[-1])
     return np.concatenate([[0.0], np.cumsum(steps)]) * whole / sum(steps)
 
 

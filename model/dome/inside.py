@@ -19,18 +19,8 @@ from .layer import layer_motion, layer_moved, layer_slopes
 Array = NDArray[np.float64]
 Table = NDArray[np.float32]
 
-#: Harmonics of which less than exp(−`_FADED`) arrives at a depth are left out.
-_FADED = 5.0
-#: Nor are loads of a harmonic that are so small a share of those of others on the ring.
-_NOTHING = 1e-4
-#: Silicone between a layer and the core that is thinner than this counts as none, over the radius.
-_NO_THINNER = 1e-9
 #: Columns of forces are kept up to so many bytes; what is loaded now always is.
 _ROOM = 200_000_000
-#: Markers nearer to the axis than this are taken to lie so far from it [rad].
-_NO_NEARER = 1e-3
-#: Folder of the user's cache; its tables are made anew when the version changes.
-_KIND, _VERSION = "domes", "inside a dome 2"
 
 
 def inside_table(
@@ -70,12 +60,14 @@ def _inside_table(
 ) -> tuple[Array, Table]:
     core, poisson, width, rings = shape
     angles = np.asarray((np.arange(int(rings)) + 0.5) * width / WIDTH, np.float64)
-    key = content_key(_VERSION, np.array(shape), np.array([depth]))
-    found = kept(_KIND, key)
+    version = "inside a dome 2"
+    key = content_key(version, np.array(shape), np.array([depth]))
+    kind = "domes"  # folder of the user's cache; its tables are made anew when the version changes
+    found = kept(kind, key)
     if found is None:
         stations, waves = make_waves(core, poisson, width, angles, depth, progress)
         found = {"stations": stations, "waves": waves}
-        keep(_KIND, key, found)
+        keep(kind, key, found)
     for array in found.values():
         array.setflags(write=False)
     return np.asarray(found["stations"], np.float64), np.asarray(found["waves"], np.float32)
@@ -92,20 +84,26 @@ def make_waves(
     """As `inside_table`, made anew, with lengths over the radius."""
     meridian = mesh(core, poisson, width, rings[-1])
     above = _between_levels(meridian, 1.0 - depth)
+    faded = 5.0  # harmonics of which less than exp(−faded) arrives at a depth are left out
     # A harmonic m is spread as exp(−m²·width²/2), and fades as exp(−m·depth) below the skin.
-    most = (math.sqrt(depth**2 + 2.0 * _FADED * width**2) - depth) / width**2
+    most = (math.sqrt(depth**2 + 2.0 * faded * width**2) - depth) / width**2
     harmonics = math.ceil(most) + 2
-    if depth >= 1.0 - core - _NO_THINNER:  # bonded to the core, where nothing moves
+    # Silicone between a layer and the core that is thinner than this counts as none, over the
+    # radius.
+    thinnest = 1e-9
+    if depth >= 1.0 - core - thinnest:  # bonded to the core, where nothing moves
         harmonics = 0
     shape = len(rings), len(meridian.stations), max(harmonics, 1), 9
     waves = np.zeros(shape, np.float32)
     largest = np.zeros(len(rings))
+    # Nor are loads of a harmonic that are so small a share of those of others on the ring.
+    nothing_share = 1e-4
     for m in range(harmonics):
         progress(m, harmonics)
         work = loads(meridian, rings, width, m)
         sizes = abs(work).max(axis=(0, 2))
         largest = np.maximum(largest, sizes)
-        some = np.flatnonzero(sizes > _NOTHING * largest)
+        some = np.flatnonzero(sizes > nothing_share * largest)
         if not len(some):
             break
         moved = solved(meridian, m, work[:, some])
@@ -244,7 +242,8 @@ class _DomeLayer:
 
     def __init__(self, dome: Dome, places: Array, depth: float) -> None:
         stations, self._table = inside_table(dome, depth)
-        angles = np.maximum(places[:, 0], _NO_NEARER)
+        nearest = 1e-3  # markers nearer to the axis than this are taken to lie so far from it [rad]
+        angles = np.maximum(places[:, 0], nearest)
         self._angles, self._azimuths = angles, np.ascontiguousarray(places[:, 1])
         each, self._row = np.unique(angles, return_inverse=True)
         # Beyond the apex a field goes on as on the other side, with the sign of its harmonic.

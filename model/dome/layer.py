@@ -13,15 +13,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Distance beyond which nothing arrives, in thicknesses.
-FAR = 20.0
-#: Waves shorter than this many widths of a bump are left out: k·width.
-_SHORTEST = 6.0
-#: Distances are tabulated in steps of this share of the bump's width.
-_STEP = 0.25
-#: Steps on the other side of 0, for the spline.
-_BEFORE = 5
-
 
 def wave_amplitudes(k: Array, thickness: float, poisson: float, depth: float) -> Array:
     """Motion at a depth for unit tractions on the skin that go with waves along it.
@@ -77,10 +68,14 @@ def layer_motion(
     A function of r with values (…, 5), over Young's modulus: u_z and u_r for a force along z; u_z
     over cos φ for one along x; and a, b, with u = a·f − b·(2·r̂·r̂ᵀ − 1)·f for f along the layer.
     """
-    far = min(FAR * thickness, reach)
-    step = _STEP * width
-    r = np.arange(-_BEFORE, int(np.ceil(far / step)) + _BEFORE) * step
-    most = _SHORTEST / width
+    farthest = 20.0  # distance beyond which nothing arrives, in thicknesses
+    far = min(farthest * thickness, reach)
+    step_share = 0.25  # distances are tabulated in steps of this share of the bump's width
+    step = step_share * width
+    before = 5  # steps on the other side of 0, for the spline
+    r = np.arange(-before, int(np.ceil(far / step)) + before) * step
+    shortest = 6.0  # waves shorter than this many widths of a bump are left out: k·width
+    most = shortest / width
     edges = np.linspace(0.0, most, int(np.ceil(most * max(far, thickness) / (2.0 * np.pi))) + 1)
     points, weights = np.polynomial.legendre.leggauss(8)
     half = 0.5 * np.diff(edges)[:, None]

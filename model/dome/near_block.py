@@ -11,9 +11,6 @@ from .dome import SoftBody
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-#: Nodes that room is made for beyond those that are asked for.
-_SPARE = 32
-
 
 class NearBlock:
     """Compliance among a few nodes of a body, which are changed as the object moves.
@@ -40,8 +37,9 @@ class NearBlock:
 
     def take(self, near: Index, kept: int) -> None:
         """Look at `near`; the compliance among the first `kept` is there."""
+        spare = 32  # nodes that room is made for beyond those that are asked for
         if len(near) > self._room:
-            self._room = len(near) + _SPARE
+            self._room = len(near) + spare
             room = np.zeros((3 * self._room, 3 * self._room), np.float32)
             room[: 3 * kept, : 3 * kept] = self.compliance[: 3 * kept, : 3 * kept]
             self.compliance, self.system = room, new_system(self._room)

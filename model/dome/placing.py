@@ -12,13 +12,6 @@ from .solid import Solid
 
 Array = NDArray[np.float64]
 
-#: Points about one, on which the nearest of the skin is looked for; how often, in steps that
-#: shrink by this factor.
-_AROUND = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 3)] * 3), axis=-1).reshape(-1, 3)
-_LOOKS, _SHRINK = 32, 0.6
-#: Most ways down to the skin, and the shortest [m].
-_WAYS, _DOWN = 400, 1e-6
-
 
 def rotation_of(pose: Array) -> Array:
     """Rotation (3, 3) of a pose (6,), from the object's own frame to the world's."""
@@ -41,28 +34,33 @@ def touching_place(
     """
     points = lattice(dome).points
 
+    # Points about one, on which the nearest of the skin is looked for.
+    offsets = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 3)] * 3), axis=-1).reshape(-1, 3)
+    looks, shrink = 32, 0.6  # how often, in steps that shrink by this factor
+
     def lowest(height: float) -> float:
         """Smallest distance of a point of the skin from the object."""
         place = np.array([*beside, height])
         gap, _ = distances(solid.shape, (points - place) @ rotation)
         nearest, width = points[gap.argmin()], dome.spacing
         least = float(gap.min())
-        for _ in range(_LOOKS):
-            around = dome.onto(nearest + width * _AROUND)
+        for _ in range(looks):
+            around = dome.onto(nearest + width * offsets)
             gap, _ = distances(solid.shape, (around - place) @ rotation)
             if gap.min() < least:
                 nearest, least = around[gap.argmin()], float(gap.min())
-            width *= _SHRINK
+            width *= shrink
         return least
 
     above = 2.0 * dome.radius + max(solid.shape.reach_down(rotation), 0.0)
     height = above
-    for _ in range(_WAYS):
+    ways, shortest = 400, 1e-6  # most ways down to the skin, and the shortest [m]
+    for _ in range(ways):
         gap = lowest(height)
         if gap <= 0.0:
             return np.array([*beside, scipy.optimize.brentq(lowest, height, above, xtol=1e-10)])
         # A distance is a lower bound, and tells less than the way at edges that a mesh rounds.
-        above, height = height, height - max(gap, _DOWN)
+        above, height = height, height - max(gap, shortest)
     raise UserError(f"the object {solid.shape.name} does not come to lie on the skin from above")
 
 

@@ -22,19 +22,10 @@ from .dome import Dome, lattice
 from .near_block import NearBlock
 from .skin import law_of
 from .solid import Solid, touched
-from .stepper import ENOUGH, ROUNDS
+from .stepper import STEP
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-#: Nodes so near to an object, and to nodes that touch it, are looked at [pitches].
-_NEAR, _BESIDE = 0.3, 1.6
-#: Nodes that are looked at without need: so many times the needed ones, and so many more.
-_WIDE, _MORE = 1.5, 40
-#: Times that a step is halved.
-_HALVINGS = 3
-#: Relative change of the forces at which a step is solved.
-TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,10 +94,14 @@ class PosedContacts:
     dome: elastic, without viscosity
     """
 
+    #: Relative change of the forces at which a step is solved.
+    tolerance = 1e-4
+
     def __init__(self, dome: Dome) -> None:
         self.dome = dome
         self._lattice = nodes = lattice(dome)
-        beside: Any = KDTree(nodes.points).query_ball_point(nodes.points, _BESIDE * dome.spacing)
+        near = 1.6 * dome.spacing  # nodes so near to nodes that touch an object are looked at
+        beside: Any = KDTree(nodes.points).query_ball_point(nodes.points, near)
         most = max(len(each) for each in beside)
         self._beside = np.array(
             [[*each, *[k] * (most - len(each))] for k, each in enumerate(beside)]
@@ -137,12 +132,14 @@ class PosedContacts:
         places = self._lattice.points - place
         places[last.nodes] += last.displacement
         gap, _ = distances(solid.shape, places @ rotation)
-        wanted = gap < _NEAR * self.dome.spacing
+        wanted = gap < 0.3 * self.dome.spacing
         held = last.nodes[last.linear.any(axis=1)]
         wanted[self._beside[held]] = True
         near = self.near
         inside = wanted[near]
-        if inside.sum() < wanted.sum() or len(near) > _WIDE * wanted.sum() + _MORE:
+        # Nodes that are looked at without need: so many times the needed ones, and so many more.
+        wide, more = 1.5, 40
+        if inside.sum() < wanted.sum() or len(near) > wide * wanted.sum() + more:
             stay = near[inside]
             kept = len(stay) if len(stay) == len(near) else 0
             wanted[stay] = False
@@ -211,9 +208,9 @@ class PosedContacts:
         if alike is not None:
             guess = self.onto(alike).linear
             after, error = self._solve(last, solid, rotation, place, guess, warm=True)
-            if error < TOLERANCE:
+            if error < self.tolerance:
                 return after
-        return self._halved(last, solid, rotation, place, _HALVINGS)
+        return self._halved(last, solid, rotation, place, left=3)
 
     def changed(
         self,
@@ -300,7 +297,7 @@ class PosedContacts:
         self, last: PosedContact, solid: Solid, rotation: Array, place: Array, left: int
     ) -> PosedContact:
         after, error = self._solve(last, solid, rotation, place, last.linear)
-        if error < TOLERANCE or (not left and error < ENOUGH):
+        if error < self.tolerance or (not left and error < STEP.enough):
             return after
         if not left:
             raise ConvergenceError("the contact does not converge")
@@ -325,7 +322,7 @@ class PosedContacts:
             nodes.points[near], nodes.outwards[near], nodes.areas[near], block.compliance,
             block.own, self._law, touched(solid), np.stack([last.rotation, rotation]),
             np.stack([last.place, place]), last.displacement, last.forces, last.friction,
-            TOLERANCE, ROUNDS, warm, block.system, results,
+            self.tolerance, STEP.rounds, warm, block.system, results,
         )  # fmt: skip
         results[4][~results[2].any(axis=-1)] = 0.0
         after = PosedContact(

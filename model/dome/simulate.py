@@ -23,9 +23,6 @@ from .stepper import Stepper, displacements
 
 Array = NDArray[np.float64]
 
-#: Normal force above which a node is in contact, over the force of all [–].
-_TOUCHING = 1e-6
-
 
 @dataclass(frozen=True, kw_only=True)
 class DomeRun:
@@ -90,11 +87,12 @@ def dome_forces(dome: SoftBody, state: DomeState, whole: bool = True) -> ForceFi
     else:
         position = lattice(dome).points.copy()
         position[state.near] += state.displacement[state.near]
+    touching = 1e-6  # normal force above which a node is in contact, over the force of all [–]
     return ForceField(
         position=position,
         normal=normal,
         friction=state.friction.copy(),
-        contact=normal > _TOUCHING * max(normal.sum(), 1e-9),
+        contact=normal > touching * max(normal.sum(), 1e-9),
         totals_covariance=np.zeros((2, 2)),
         directions=state.normals.copy(),
         wrench_covariance=np.zeros((4, 4)),

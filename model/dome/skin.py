@@ -20,12 +20,8 @@ Index = NDArray[np.int64]
 
 #: Distance at which a node is taken into a step's unknowns, in pitches, …
 MARGIN = 0.25
-#: … and how much further those are that come with it.
-WIDER = 2.2
 #: Part of the thickness beyond which the silicone is not described.
 DEEPEST = 0.8
-#: Forces that viscosity remembers below this are forgotten [N].
-_FORGOTTEN = 1e-9
 
 
 class Skin:
@@ -125,10 +121,11 @@ class Skin:
         on = np.asarray(outcome.true.any(axis=1))
         self.normals[near] = np.where(on[:, None], outcome.normal, 0.0)
         self.displacement[near] = outcome.displacement
+        forgotten = 1e-9  # forces that viscosity remembers below this are forgotten [N]
         if lag:
             share = 1.0 / (1.0 + lag)
             self.memory[near] = share * (outcome.linear + lag * self.memory[near])
-            self.memory[abs(self.memory) < _FORGOTTEN] = 0.0
+            self.memory[abs(self.memory) < forgotten] = 0.0
 
     def find(self, rotation: Array, place: Array) -> None:
         """Take new nodes into the unknowns where the object comes near them."""
@@ -140,7 +137,8 @@ class Skin:
             return
         if not count and not len(near):
             return
-        self._flag(pose, WIDER * margin)
+        wider = 2.2  # those that come with it are this much further
+        self._flag(pose, wider * margin)
         stay = near[self.flags[near]]
         new = np.flatnonzero(self.flags & ~self.is_near)
         kept = len(stay) if len(stay) == len(near) else 0

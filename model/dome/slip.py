@@ -11,10 +11,9 @@ from .state import DomeState
 
 Array = NDArray[np.float64]
 
-#: How far a point of the skin may be from the nearest node [pitches].
-NEAREST = 0.6
-#: Places of the axes that follow each one.
-_NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
+#: Places of the axes that follow each one, and those after them.
+_NEXT = np.array([1, 2, 0])
+_AFTER = np.array([2, 0, 1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +70,8 @@ def follow_dome_slip(
     # What touched in neither state has not moved in contact: its path begins after this step.
     path[touching] = np.where(known[:, None], old + step, slid)
     places = field.position[touching]
-    half = NEAREST * dome.spacing
+    nearest = 0.6  # how far a point of the skin may be from the nearest node [pitches]
+    half = nearest * dome.spacing
     least = _least(path[touching], places, after.normals[touching], half)
     slides = _least(step[known], places[known], after.normals[touching][known], half)
     return DomeSlip(

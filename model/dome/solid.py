@@ -8,7 +8,8 @@ from ..kernels.dome.touch_kernels import Touched
 from ..shapes import Shape
 
 #: Distance between nodes of the chain at 251 nodes, π·8 mm/252, and depth of its strip [m].
-_CHAIN_PITCH, _STRIP = math.pi * 8e-3 / 252, 10e-3
+_CHAIN_PITCH = math.pi * 8e-3 / 252
+_STRIP = 10e-3
 #: Penalty stiffness above which an object is rigid to the last digit of a node's place [N/m³].
 STIFFEST = 1e14
 

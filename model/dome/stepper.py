@@ -1,5 +1,7 @@
 """A dome in contact, one step after another; the arrays that a step works in."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,16 +20,36 @@ from .state import DomeState, StepCount, check_state
 
 Array = NDArray[np.float64]
 
-#: Relative change of the forces at which a step is solved, and the most rounds it may take.
-TOLERANCE, ROUNDS = 3e-4, 20
-#: Times that a step is halved; the parts are taken as they are if they changed by less than this.
-HALVINGS, ENOUGH = 4, 0.05
-#: Times that it is halved before the skin is slowed down, and the most steps of that.
-_BEFORE_CREEP, _CREEPS = 1, 80
-#: Lag of a skin that is slowed down, at first, at most, and below which it is none.
-_SLOW, _SLOWEST, _QUICK = 8.0, 1e3, 0.3
-#: A step in which a free object might leap through the silicone is halved up to so many times.
-_LEAPS = 10
+
+@dataclass(frozen=True, kw_only=True)
+class StepSettings:
+    """Tuned numbers of a step of the silicone.
+
+    Attributes
+    ----------
+    tolerance: relative change of the forces at which a step is solved
+    rounds: largest number of rounds
+    halvings: number of times that a step is halved
+    enough: change below which the shortest parts are taken as they are
+    leaps: number of halvings of a step in which a free object might leap through the silicone
+    before_creep: number of halvings before the skin is slowed down
+    creeps: largest number of steps of a slowed skin
+    slow, slowest, quick: lag of a slowed skin at first and at most, and below which it is none
+    """
+
+    tolerance: float = 3e-4
+    rounds: int = 20
+    halvings: int = 4
+    enough: float = 0.05
+    leaps: int = 10
+    before_creep: int = 1
+    creeps: int = 80
+    slow: float = 8.0
+    slowest: float = 1e3
+    quick: float = 0.3
+
+
+STEP = StepSettings()
 
 
 class Stepper(Skin):
@@ -58,14 +80,14 @@ class Stepper(Skin):
         before = self.state()
         count = self._solve(until, self.dome.relaxation / (until - self.time), load)
         leapt = np.linalg.norm(self.place - before.place) > self.dome.stride
-        leapt &= self.motion.moves_free.any() and depth < _LEAPS
-        if count.error < TOLERANCE and not leapt:
+        leapt &= self.motion.moves_free.any() and depth < STEP.leaps
+        if count.error < STEP.tolerance and not leapt:
             return count
         creeps = not self.motion.moves_free.any() and not self.dome.relaxation
-        if creeps and depth == _BEFORE_CREEP:
+        if creeps and depth == STEP.before_creep:
             self.restore(before)
             return self._creep(until)
-        if depth >= HALVINGS and not leapt:
+        if depth >= STEP.halvings and not leapt:
             return self._enough(count, until, until - before.time)
         self.restore(before)
         first = self._attempt(0.5 * (before.time + until), depth + 1, load)
@@ -81,7 +103,7 @@ class Stepper(Skin):
         )
 
     def _enough(self, count: StepCount, until: float, step: float) -> StepCount:
-        if count.error < ENOUGH:
+        if count.error < STEP.enough:
             return count._replace(unconverged=1)
         raise ConvergenceError(
             f"the contact at {until:.6g} s does not converge in steps of "
@@ -96,25 +118,25 @@ class Stepper(Skin):
         """
         step = until - self.time
         self.memory[:] = self.linear
-        lag, rounds, products = _SLOW, 0, 0
-        for _ in range(_CREEPS):
+        lag, rounds, products = STEP.slow, 0, 0
+        for _ in range(STEP.creeps):
             before = self.state()
             count = self._solve(until, lag)
             rounds, products = rounds + count.rounds, products + count.products
-            if count.error < TOLERANCE:
+            if count.error < STEP.tolerance:
                 if lag == 0.0:
                     break
-                lag = 0.6 * lag if lag > _QUICK else 0.0
+                lag = 0.6 * lag if lag > STEP.quick else 0.0
             else:
-                if lag >= _SLOWEST:
+                if lag >= STEP.slowest:
                     break
                 self.restore(before)
-                lag = max(4.0 * lag, _QUICK)
+                lag = max(4.0 * lag, STEP.quick)
         self.memory[:] = 0.0
         count = count._replace(rounds=rounds, products=products)
-        if count.error < TOLERANCE and lag == 0.0:
+        if count.error < STEP.tolerance and lag == 0.0:
             return count
-        return self._enough(count._replace(error=max(count.error, TOLERANCE)), until, step)
+        return self._enough(count._replace(error=max(count.error, STEP.tolerance)), until, step)
 
     def _solve(self, until: float, lag: float, load: Array | None = None) -> StepCount:
         step = until - self.time
@@ -134,7 +156,7 @@ class Stepper(Skin):
             pose = Pose(self.rotation, self.place, rotation, place)
             error, rounds, products, touching = solve_contact(
                 contact, self.thing, pose, self.stiffening(), share, free, inertia, wanted,
-                TOLERANCE, ROUNDS, False, self.block.system, outcome,
+                STEP.tolerance, STEP.rounds, False, self.block.system, outcome,
             )  # fmt: skip
             moved = outcome.motion
             new_place, new_rotation = place + moved[:3], turned(rotation, moved[3:])

@@ -20,8 +20,6 @@ Array = NDArray[np.float64]
 FACING = np.array([1.0, -1.0, -1.0])
 #: Damper of each fingertip's way on which the drive closes it [N·s/m]: that of the whole chain.
 CLOSING_DRAG = 25.2
-#: How far a body's weight presses into the table [m].
-_TABLE_GIVES = 10e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +84,8 @@ class Pinch:
     @property
     def table_stiffness(self) -> float:
         """Of the table under the centre of mass [N/m]."""
-        return self.body.mass * float(np.linalg.norm(self.gravity)) / _TABLE_GIVES
+        gives = 10e-6  # how far a body's weight presses into the table [m]
+        return self.body.mass * float(np.linalg.norm(self.gravity)) / gives
 
 
 def bases(pinch: Pinch) -> tuple[Array, Array]:

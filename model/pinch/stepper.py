@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ..dome.skin import MARGIN, Skin
 from ..dome.solid import Solid
 from ..dome.state import StepCount
-from ..dome.stepper import ENOUGH, HALVINGS, ROUNDS, TOLERANCE
+from ..dome.stepper import STEP
 from ..errors import ConvergenceError
 from ..kernels.dome.krylov_kernels import System, new_system
 from ..kernels.dome.newton_kernels import Second, solve_contact, turned
@@ -21,19 +21,6 @@ from .state import PinchState
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-#: A step in which the object might leap out of the pinch is halved up to so many times.
-_LEAPS = 10
-#: Most times that a step is solved: nodes that were missed, the table, the turn of the inertia.
-_SOLVES = 6
-#: Force that the inertia of the pose found may lack, of what acts on the object.
-_LACKS = 1e-4
-#: Way in pitches that object and skin may come after nodes were looked for: within the margin of
-#: `Skin.find` none can have been missed. Half is for skin that is not looked at.
-_SURE = 0.5 * MARGIN
-#: Force below which a lack does not matter [N].
-_FORCE = 1e-6
-_FREE = np.ones(7, np.bool_)
 
 
 class Solved(NamedTuple):
@@ -66,7 +53,10 @@ class PinchStepper:
         )
         self._centre = np.array(pinch.body.centre)
         self._reach = float(np.linalg.norm(abs(pinch.solid.shape.bounds).max(axis=0)))
-        self._sure = _SURE * min(skin.dome.spacing for skin in self.skins)
+        # Way in pitches that object and skin may come after nodes were looked for: within the
+        # margin of `Skin.find` none can have been missed. Half is for skin that is not looked at.
+        sure = 0.5 * MARGIN
+        self._sure = sure * min(skin.dome.spacing for skin in self.skins)
         self._system: System = new_system(0, 1)
         self._blocks: list[Index] = []
         self._facing = np.zeros((0, 0), np.float32)
@@ -125,11 +115,11 @@ class PinchStepper:
         count = self._solve(until, grip)
         way = float(np.linalg.norm(self.pose()[0] - place))
         held = any(len(skin.near) for skin in self.skins)
-        leapt = held and depth < _LEAPS and way > min(skin.dome.stride for skin in self.skins)
-        if count.error < TOLERANCE and not leapt:
+        leapt = held and depth < STEP.leaps and way > min(skin.dome.stride for skin in self.skins)
+        if count.error < STEP.tolerance and not leapt:
             return count
-        if depth >= HALVINGS and not leapt:
-            if count.error < ENOUGH:
+        if depth >= STEP.halvings and not leapt:
+            if count.error < STEP.enough:
                 return count._replace(unconverged=1)
             raise ConvergenceError(
                 f"the contact at {until:.6g} s does not converge in steps of "
@@ -159,7 +149,9 @@ class PinchStepper:
         closing, stands, guess = self.closing, self.support > 0.0, None
         came = self.came + step * self._way(self.drift)
         rounds = products = 0
-        for turn in range(_SOLVES):
+        solves = 6  # at most: nodes that were missed, the table, the turn of the inertia
+        lacking = 1e-4  # force that the inertia of the pose found may lack, of what acts
+        for turn in range(solves):
             if came > self._sure:
                 came = 0.0
                 self._find(place, rotation, closing)
@@ -177,7 +169,7 @@ class PinchStepper:
             closing += motion[6]
             moved = contact.rest + outcome.displacement - contact.before
             came += self._way(motion) + float(abs(moved).max(initial=0.0))
-            far = turn + 1 < _SOLVES and came > self._sure
+            far = turn + 1 < solves and came > self._sure
             if far and self._missed(place, rotation, closing):
                 continue
             found, lacks, pushed = self._carried(
@@ -185,7 +177,7 @@ class PinchStepper:
             )
             if self.pinch.table and (pushed > 0.0) != stands:
                 stands = not stands
-            elif lacks < _LACKS or error > TOLERANCE:
+            elif lacks < lacking or error > STEP.tolerance:
                 break
         self.came = came
         self._take_over(until, found, outcome, lags, (old_place, old_rotation))
@@ -260,7 +252,8 @@ class PinchStepper:
             force = force - max(pushed, 0.0) * self.pinch.down
         moving = carried(self.moving, s, centre, turn @ rotation, force, torque)
         asked = wanted(self._body, self.moving, s, centre, turn @ rotation)
-        scale = float(abs(outcome.true).sum() + abs(self._gravity).sum()) + _FORCE
+        negligible = 1e-6  # force below which a lack does not matter [N]
+        scale = float(abs(outcome.true).sum() + abs(self._gravity).sum()) + negligible
         reach = 1e-3 + float(np.linalg.norm(arm))
         lacks = np.linalg.norm(asked.force + force) + np.linalg.norm(asked.torque + torque) / reach
         solved = Solved(place, rotation, closing, moving, max(pushed, 0.0))
@@ -313,9 +306,10 @@ class PinchStepper:
         other = Second(
             len(first.near), self._facing, there, second.stiffening(), 1.0 / (1.0 + lags[1])
         )
+        free = np.ones(7, np.bool_)
         answer: tuple[float, int, int, int] = solve_contact(
-            contact, first.thing, pose, first.stiffening(), 1.0 / (1.0 + lags[0]), _FREE, inertia,
-            wrench, TOLERANCE, ROUNDS, warm, self._system, outcome, other,
+            contact, first.thing, pose, first.stiffening(), 1.0 / (1.0 + lags[0]), free, inertia,
+            wrench, STEP.tolerance, STEP.rounds, warm, self._system, outcome, other,
         )  # fmt: skip
         return answer
 
@@ -380,12 +374,9 @@ class PinchStepper:
         return out
 
 
-_OWN = np.ones(3)
-
-
 def _axes(k: int) -> Array:
     """Signs of a fingertip's axes in the hand's."""
-    return FACING if k else _OWN
+    return FACING if k else np.ones(3)
 
 
 def _cross(arm: Array) -> Array:

@@ -22,25 +22,16 @@ Array = NDArray[np.float64]
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 #: Folder of the user's cache; its grids are made anew when the version changes.
-KIND, VERSION = "meshes", "mesh grid 1"
-#: Metres in a unit of the file: most files are in mm.
-MILLIMETRES = 1e-3
+KIND = "meshes"
+VERSION = "mesh grid 1"
 #: More faces are refused.
 MOST_FACES = 500_000
-#: Smallest and largest of a mesh's longest side [m].
-SMALLEST, LARGEST = 0.5e-3, 0.5
-#: Fewest and most cells along the longest side.
-FEWEST_CELLS, MOST_CELLS = 16, 256
-#: A mesh thinner than this has details that its grid does not show [cells].
-THIN = 3.0
-#: Faces on whose two sides it is tested what is inside; so large a share may be wrong.
-TESTED, WRONG = 2000, 0.02
 
 
 def mesh_shape(
     source: str | Path | Any,
     *,
-    scale: float = MILLIMETRES,
+    scale: float = 1e-3,
     rotation: ArrayLike | None = None,
     cells: int = 96,
 ) -> Shape:
@@ -66,8 +57,10 @@ def mesh_shape(
     trimesh = need("trimesh", "mesh")
     igl = need("igl", "mesh")
     finite("scale of a mesh", scale, "m", above=0.0)
-    if cells != int(cells) or not FEWEST_CELLS <= cells <= MOST_CELLS:
-        text = f"an integer in {FEWEST_CELLS}…{MOST_CELLS}, got {cells!r}"
+    fewest = 16  # fewest and most cells along the longest side
+    most = 256
+    if cells != int(cells) or not fewest <= cells <= most:
+        text = f"an integer in {fewest}…{most}, got {cells!r}"
         raise UserError(f"cells of a mesh must be {text}")
     turn = _rotation(rotation)
     path = Path(source) if isinstance(source, str | Path) else None
@@ -124,8 +117,10 @@ def _check(vertices: Array, faces: NDArray[np.int64], scale: float) -> None:
         raise UserError("its vertices must be finite numbers, three of each")
     sides = np.ptp(vertices[np.unique(faces)], axis=0)
     longest = float(sides.max()) * scale
-    if not SMALLEST <= longest <= LARGEST:
-        allowed = f"{SMALLEST * 1e3:g}…{LARGEST * 1e3:g} mm"
+    smallest = 0.5e-3  # smallest and largest of a mesh's longest side [m]
+    largest = 0.5
+    if not smallest <= longest <= largest:
+        allowed = f"{smallest * 1e3:g}…{largest * 1e3:g} mm"
         raise UserError(
             f"its longest side is {longest * 1e3:.4g} mm at the scale {scale:g}, must lie in "
             f"{allowed}; give the unit of the file: `scale` in m, or object.mesh_unit_mm of a scene"
@@ -182,7 +177,8 @@ def _check_body(igl: Any, mesh: Any) -> None:
     sides = np.ptp(vertices, axis=0)
     if mesh.volume <= 1e-9 * float(sides.max()) ** 3:
         raise UserError("it encloses no volume")
-    some = np.unique(np.linspace(0, len(faces) - 1, TESTED).astype(int))
+    tested = 2000  # faces on whose two sides it is tested what is inside
+    some = np.unique(np.linspace(0, len(faces) - 1, tested).astype(int))
     corners = vertices[faces[some]]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(across, axis=1, keepdims=True)
@@ -191,7 +187,8 @@ def _check_body(igl: Any, mesh: Any) -> None:
     inside = igl.fast_winding_number(vertices, faces, np.ascontiguousarray(middle - step))
     outside = igl.fast_winding_number(vertices, faces, np.ascontiguousarray(middle + step))
     wrong = (np.abs(inside - 1.0) > 0.4) | (np.abs(outside) > 0.4)
-    if wrong.mean() > WRONG:
+    most_wrong = 0.02  # largest share of them that may be wrong
+    if wrong.mean() > most_wrong:
         raise UserError(
             f"{100.0 * wrong.mean():.0f} % of its faces do not bound one body: parts of it overlap "
             "or are inside out; unite them in a mesh editor"
@@ -212,7 +209,8 @@ def _shape(
     cell = float(sides.max()) / cells
     grid = spline_grid(igl, np.ascontiguousarray(points / cell), faces, cells) * cell
     corners = points[np.sort(ConvexHull(points).vertices)]
-    if sides.min() < THIN * cell:
+    thin = 3.0  # a mesh thinner than this has details that its grid does not show [cells]
+    if sides.min() < thin * cell:
         thick = f"{sides.min() / cell:.2g} cells of {cell * 1e3:.2g} mm"
         notes = (*notes, f"its thinnest side is only {thick}; more cells show it better")
     return make_shape(

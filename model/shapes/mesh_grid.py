@@ -12,13 +12,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Cells between the mesh's box and the grid's edge.
-MARGIN = 4
-#: Steps of the grids, from coarse to fine [cells].
-STEPS = (4, 2, 1)
-#: Up to this distance every value is exact [cells].
-BAND = 3.0
-
 
 def spline_grid(igl: Any, vertices: Array, faces: NDArray[np.int64], cells: int) -> Array:
     """Coefficients of the signed distance around a mesh whose box is centred.
@@ -35,16 +28,19 @@ def spline_grid(igl: Any, vertices: Array, faces: NDArray[np.int64], cells: int)
     (I, J, K) coefficients in cells, one a cell; the middle one is at the origin.
     """
     sides = np.ptp(vertices, axis=0)
-    blocks = np.ceil((np.minimum(sides, cells) + 2 * MARGIN) / STEPS[0]).astype(int)
+    margin = 4  # cells between the mesh's box and the grid's edge
+    steps = (4, 2, 1)  # steps of the grids, from coarse to fine [cells]
+    blocks = np.ceil((np.minimum(sides, cells) + 2 * margin) / steps[0]).astype(int)
     blocks += blocks % 2  # so that the middle is a point
-    middle = blocks * STEPS[0] // 2
+    middle = blocks * steps[0] // 2
     near = np.ones(blocks + 1, bool)
     distance = np.zeros(blocks + 1)
-    for step in STEPS:
-        if step != STEPS[0]:
+    band = 3.0  # up to this distance every value is exact [cells]
+    for step in steps:
+        if step != steps[0]:
             distance, near = _between(distance), _between(near) > 0.0
             # What lies between coarse points is at most half their diagonal away from one of them.
-            reach = BAND + (np.sqrt(3.0) / 2.0 * step if step > 1 else 0.0)
+            reach = band + (np.sqrt(3.0) / 2.0 * step if step > 1 else 0.0)
             near &= np.abs(distance) <= reach + np.sqrt(3.0) * step
         places = np.argwhere(near)
         points = np.ascontiguousarray(places * step - middle, dtype=float)

@@ -10,7 +10,8 @@ from ..kernels.dome import distance_kernels as kernels
 from .shape import Shape, make_shape
 
 #: Smallest and largest length of a shape [m].
-SMALLEST, LARGEST = 1e-5, 10.0
+SMALLEST = 1e-5
+LARGEST = 10.0
 
 
 def plane() -> Shape:

@@ -23,12 +23,6 @@ from .paint_kernels import encode
 CORNERS = 48
 #: Pixels drawn for one of the image along each side: multisampling alone has too few levels.
 OVERSAMPLING = 4
-#: Width over which edges fade [px]: samples follow a ramp far better than a step. The fade is part
-#: of the lens' blur; the rest of it is added to the picture. A wider fade would absorb too much
-#: light where both layers' edges coincide, because each layer fades by itself.
-FADE = 0.2
-#: Pixels on which the lens' blur is computed, for one of the image along each side.
-_FINE = 2
 
 
 class MeshRenderer:
@@ -45,6 +39,9 @@ class MeshRenderer:
         When no off-screen OpenGL context can be made.
     """
 
+    #: Pixels on which the lens' blur is computed, for one of the image along each side.
+    _fine = 2
+
     def __init__(self, sensor: SensorDesign, oversampling: int = OVERSAMPLING) -> None:
         require("gl")  # the probe would not name what installs it
         problem = gl_problem()
@@ -56,9 +53,14 @@ class MeshRenderer:
         self._pyrender = pyrender
         self._view = sensor.view
         self._dyes = sensor.transmittance
+        # Width over which edges fade [px]: samples follow a ramp far better than a step. The fade
+        # is part of the lens' blur; the rest of it is added to the picture. A wider fade would
+        # absorb too much light where both layers' edges coincide, because each layer fades by
+        # itself.
+        fade_px = 0.2
         # A step faded linearly over w has the variance w²/12 of a box.
-        fade = min(FADE, 3.0 * sensor.camera.blur_px)
-        self._blur = _FINE * float(np.sqrt(sensor.camera.blur_px**2 - fade**2 / 12.0))
+        fade = min(fade_px, 3.0 * sensor.camera.blur_px)
+        self._blur = self._fine * float(np.sqrt(sensor.camera.blur_px**2 - fade**2 / 12.0))
         half = fade / 2 / _mean_half(sensor)
         self._ground = ground_image(sensor)
         self._encoding = encoding_table()
@@ -102,7 +104,7 @@ class MeshRenderer:
     def _collected(self, plane: NDArray[np.float32]) -> NDArray[np.float32]:
         """Mean of a blurred plane of finer pixels over each pixel, shape (H, W)."""
         size = (self._view.width, self._view.height)
-        fine = (_FINE * size[0], _FINE * size[1])
+        fine = (self._fine * size[0], self._fine * size[1])
         fewer = cv2.resize(plane, fine, interpolation=cv2.INTER_AREA)
         blurred = cv2.GaussianBlur(fewer, (0, 0), self._blur)
         return np.asarray(cv2.resize(blurred, size, interpolation=cv2.INTER_AREA))

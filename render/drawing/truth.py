@@ -21,11 +21,6 @@ from .truth_kernels import shares_inside
 
 Array = NDArray[np.float64]
 
-#: Largest number of steps from a pixel to the point of the skin that it shows.
-_ROUNDS = 12
-#: Length of a step after which no more is taken [px].
-_ARRIVED = 1e-3
-
 
 @dataclass(frozen=True, kw_only=True)
 class MarkerTruth:
@@ -185,10 +180,12 @@ class TruthMap:
         moved = np.zeros((*self._skin.shape, 2))
         moved[self._skin] = self._sensor.view.project(now) - self._pixels[self._skin]
         source = self._pixels.astype(np.float32)
-        for _ in range(_ROUNDS):
+        rounds = 12  # largest number of steps from a pixel to the point of the skin that it shows
+        arrived = 1e-3  # length of a step after which no more is taken [px]
+        for _ in range(rounds):
             step = self._pixels - (source + _sample(moved, source))
             source = (source + step).astype(np.float32)
-            if np.nanmax(abs(step)[self._skin]) < _ARRIVED:
+            if np.nanmax(abs(step)[self._skin]) < arrived:
                 break
         field = np.zeros(self._skin.shape)
         seen = np.empty((*self._skin.shape, values.shape[1]), np.float32)
@@ -237,10 +234,6 @@ def _sample(field: Array, places: NDArray[np.float32]) -> Array:
     )
 
 
-#: Samples of a marker along each axis, for its overlap.
-_SAMPLES = 24
-
-
 def overlap_share(coefficients: Array, square: bool) -> Array:
     """Share of each magenta outline's area that lies within its yellow partner's, shape (M,).
 
@@ -256,6 +249,7 @@ def overlap_share(coefficients: Array, square: bool) -> Array:
 @lru_cache(maxsize=2)
 def _samples(square: bool) -> Array:
     """Evenly spaced points of the unit square or disc, shape (2, K)."""
-    line = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * 2.0 - 1.0
+    samples = 24  # samples of a marker along each axis, for its overlap
+    line = (np.arange(samples) + 0.5) / samples * 2.0 - 1.0
     q = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     return np.ascontiguousarray((q if square else q[(q**2).sum(axis=-1) < 1.0]).T)

@@ -31,8 +31,6 @@ BLOTCHES = 15
 GRAIN = 16
 THREADS = 17
 
-#: Shares of a rubbed marker's width that may be left.
-_KEPT_OF_RUBBED = (0.35, 0.8)
 #: Gores of a skin whose design has no seams.
 GORE_COUNT = 4
 
@@ -71,9 +69,10 @@ class Flaws:
         nearest = np.argsort(sensor.places[:, 0] * ragged, kind="stable")
         outer = int(np.argmin(sensor.depths))
         self.missing[outer, nearest[: round(defects.worn_markers * count)]] = True
+        kept_of_rubbed = (0.35, 0.8)  # shares of a rubbed marker's width that may be left
         if defects.rubbed_markers:
             rng = np.random.default_rng([seed, RUBBED])
-            kept = rng.uniform(*_KEPT_OF_RUBBED, (2, count))
+            kept = rng.uniform(*kept_of_rubbed, (2, count))
             self._kept = np.where(rng.random((2, count)) < defects.rubbed_markers, kept, 1.0)
             self._towards = rng.integers(0, 4, (2, count))
 

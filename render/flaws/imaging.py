@@ -23,10 +23,6 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Image32 = NDArray[np.float32]
 
-#: Full well where only read noise is set [electrons].
-FULL_WELL = 1e4
-#: Instants at which an open shutter is sampled.
-EXPOSURES = 5
 
 #: Level of linear light 1 in 16 bits.
 _WHITE = 65535
@@ -53,7 +49,8 @@ class Imaging:
         self._defects, self._seed = d, seed
         self._map = light_map(sensor, d, seed)
         self._glare = glare_map(sensor, d, seed)
-        well = d.shot_noise_electrons or FULL_WELL
+        full_well = 1e4  # full well where only read noise is set [electrons]
+        well = d.shot_noise_electrons or full_well
         self._shot = 1.0 / well if d.shot_noise_electrons else 0.0
         self._read = d.read_noise_electrons / well
         self._gains = bool(d.gain_step or d.white_balance_drift)
@@ -132,9 +129,10 @@ def shutter_times(defects: Defects, period: float) -> Array:
     """
     if not defects.motion_blur:
         return np.zeros(1)
+    exposures = 5  # instants at which an open shutter is sampled
     # Spread a little wider than evenly, so that their variance is that of every instant, 1/12.
-    middle = (np.arange(EXPOSURES) + 0.5) / EXPOSURES - 0.5
-    middle /= np.sqrt(1.0 - EXPOSURES**-2)
+    middle = (np.arange(exposures) + 0.5) / exposures - 0.5
+    middle /= np.sqrt(1.0 - exposures**-2)
     return defects.motion_blur * period * (middle - 0.5)
 
 

@@ -15,20 +15,8 @@ from .texture import blotches, grain, threads
 Array = NDArray[np.float64]
 Image32 = NDArray[np.float32]
 
-#: LEDs around the skin.
-LED_COUNT = 6
-#: Width of an LED's lobe, in radii of the skin's image.
-LED_WIDTH = 0.5
-#: Radius of the ring of LEDs, in radii of the skin's image.
-LED_RING = 1.1
 #: Seams of a skin that is glued from four gores (of designs without seams of their own).
 GORES = Seams(count=GORE_COUNT, width_mm=0.9, colour=(226, 196, 201))
-#: Radius of the middle that is too bright, in radii of the skin's image.
-GLOW_WIDTH = 0.7
-#: Colour of broad seams: there is glue in them.
-GLUED = (205, 163, 158)
-#: Brightness of reflections, in units of white: they saturate.
-GLARE = 4.0
 
 
 def light_map(sensor: SensorDesign, defects: Defects, seed: int) -> Image32 | None:
@@ -39,10 +27,11 @@ def light_map(sensor: SensorDesign, defects: Defects, seed: int) -> Image32 | No
         return None
     pixels, places, skin = _skin(sensor)
     factor = np.ones((*skin.shape, 3))
+    glued = (205, 163, 158)  # colour of broad seams: there is glue in them
     if d.seam_tint:
         tinted = sensor if sensor.seams else msgspec.structs.replace(sensor, seams=GORES)
         assert tinted.seams is not None
-        tint = decode_srgb(np.array(GLUED if d.seam_width_mm else tinted.seams.colour, dtype=float))
+        tint = decode_srgb(np.array(glued if d.seam_width_mm else tinted.seams.colour, dtype=float))
         dye = tint / decode_srgb(np.array(sensor.ground.apex, dtype=float))
         cover = np.where(skin, _seams(tinted, d, places, seed), 0.0)
         factor *= np.maximum(1.0 - d.seam_tint * cover[..., None] * (1.0 - dye), 0.0)
@@ -50,9 +39,10 @@ def light_map(sensor: SensorDesign, defects: Defects, seed: int) -> Image32 | No
         factor *= 1.0 + d.uneven_leds * _led_pattern(sensor, pixels, skin, seed)[..., None]
     if d.dust:
         factor *= _dust(sensor, pixels, skin, d.dust, seed)[..., None]
+    glow_width = 0.7  # radius of the middle that is too bright, in radii of the skin's image
     if textured:
         away = (pixels - _middle(sensor)) / _radius(skin)
-        factor *= 1.0 + d.glow * np.exp(-0.5 * (away**2).sum(axis=-1) / GLOW_WIDTH**2)[..., None]
+        factor *= 1.0 + d.glow * np.exp(-0.5 * (away**2).sum(axis=-1) / glow_width**2)[..., None]
         radius = _radius(skin)
         texture = np.ones_like(factor)
         if d.blotches:
@@ -111,11 +101,12 @@ def glare_map(sensor: SensorDesign, defects: Defects, seed: int) -> Image32 | No
     radius = _radius(skin)
     # A mirrored ring is a ring, as even as its LEDs were soldered.
     around = 2 * np.pi * (np.arange(defects.specular) / defects.specular + rng.random())
+    brightness = 4.0  # brightness of reflections, in units of white: they saturate
     for angle in around:
         angle, share = angle + rng.normal(0.0, 0.08), rng.normal(0.62, 0.03)
         centre = _middle(sensor) + radius * share * np.array([np.cos(angle), np.sin(angle)])
         width = radius * rng.uniform(0.004, 0.008)
-        _stamp(glare, centre, (width, width * rng.uniform(1.0, 1.8)), angle, 2, GLARE)
+        _stamp(glare, centre, (width, width * rng.uniform(1.0, 1.8)), angle, 2, brightness)
     if defects.vignette:
         glare *= _vignette(sensor, pixels, defects.vignette)
     return np.repeat(glare[..., None], 3, axis=-1).astype(np.float32)
@@ -145,12 +136,15 @@ def _vignette(sensor: SensorDesign, pixels: Array, loss: float) -> Array:
 def _led_pattern(sensor: SensorDesign, pixels: Array, skin: NDArray[np.bool_], seed: int) -> Array:
     """Deviation of the light: on the skin of mean 0 and at most 1."""
     rng = np.random.default_rng([seed, LEDS])
-    angle = 2 * np.pi * (np.arange(LED_COUNT) / LED_COUNT + rng.random())
+    count = 6  # LEDs around the skin
+    angle = 2 * np.pi * (np.arange(count) / count + rng.random())
     place = (pixels - _middle(sensor)) / _radius(skin)
     light = np.zeros(skin.shape)
-    for a, strength in zip(angle, rng.uniform(-1.0, 1.0, LED_COUNT), strict=True):
-        away = place - LED_RING * np.array([np.cos(a), np.sin(a)])
-        light += strength / (LED_WIDTH**2 + (away**2).sum(axis=-1))
+    lobe = 0.5  # width of an LED's lobe, in radii of the skin's image
+    ring = 1.1  # radius of the ring of LEDs, in radii of the skin's image
+    for a, strength in zip(angle, rng.uniform(-1.0, 1.0, count), strict=True):
+        away = place - ring * np.array([np.cos(a), np.sin(a)])
+        light += strength / (lobe**2 + (away**2).sum(axis=-1))
     light -= light[skin].mean()
     return np.clip(light / abs(light[skin]).max(), -1.0, 1.0)
 

@@ -17,8 +17,6 @@ from .noise_kernels import Field, add_runs, fill_field
 _RUN = 2048
 #: Places that a run may begin at. Correlations within the field are of 1/√places.
 _PLACES = 1 << 21
-#: Offsets of equal probability that the field is drawn from.
-_SHARES = 1 << 16
 
 
 @lru_cache(maxsize=4)
@@ -47,7 +45,8 @@ def offset_levels(sigma: float) -> NDArray[np.int16]:
     most = math.ceil(5.0 * sigma)
     levels = np.arange(-most, most + 1)
     ends = [math.erf((level + 0.5) / (math.sqrt(2.0) * sigma)) for level in levels[:-1]]
-    share = np.rint(0.5 * _SHARES * (1.0 + np.array([*ends, 1.0]))).astype(np.int64)
+    shares = 1 << 16  # offsets of equal probability that the field is drawn from
+    share = np.rint(0.5 * shares * (1.0 + np.array([*ends, 1.0]))).astype(np.int64)
     return np.repeat(levels, np.diff(share, prepend=0)).astype(np.int16)
 
 

@@ -11,9 +11,6 @@ from .projection_kernels import Port, apparent_points
 
 Array = NDArray[np.float64]
 
-#: Half the distance over which refraction is differentiated [m].
-_NUDGE = 1e-7
-
 
 @dataclass(frozen=True, kw_only=True)
 class View:
@@ -70,9 +67,10 @@ class View:
         """Derivative of `project` [px/m], shape (…, 2, 3)."""
         if not self.bends:
             return self.camera.jacobian(self._apparent(points))
+        nudge = 1e-7  # half the distance over which refraction is differentiated [m]
         slope = [
-            (self._apparent(points + h) - self._apparent(points - h)) / (2 * _NUDGE)
-            for h in _NUDGE * np.eye(3)
+            (self._apparent(points + h) - self._apparent(points - h)) / (2 * nudge)
+            for h in nudge * np.eye(3)
         ]
         return self.camera.jacobian(self._apparent(points)) @ np.stack(slope, axis=-1)
 

@@ -27,15 +27,8 @@ from numba.core.serialize import dumps
 from .kernel_key import UnreadableError, kernel_key, signature_key
 from .user_cache import user_cache
 
-#: Unused machine code is removed after this time [s].
-KEPT = 7 * 86400.0
-#: A use is noted when the last noted one is older than this [s].
-NOTED = 86400.0
-
 #: Cache folder of each folder with kernels; None if no folder can be written.
 _homes: dict[Path, Path | None] = {}
-#: Number of compiled kernels from which a notice is printed even if others are cached.
-FEW = 10
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -91,7 +84,8 @@ class _Cache:
             kept, result = pickle.loads(path.read_bytes())
         except (OSError, EOFError, pickle.UnpicklingError):
             return None
-        if used < time.time() - NOTED:
+        noted_s = 86400.0  # a use is noted when the last noted one is older than this [s]
+        if used < time.time() - noted_s:
             with suppress(OSError):
                 os.utime(path)
         return CompileResult._rebuild(target, *result) if kept == signature else None
@@ -150,11 +144,11 @@ def _make(home: Path) -> bool:
 
 @cache
 def _clean(home: Path) -> None:
-    """Remove files unused for `KEPT`, once in a process; other processes may use the rest."""
+    """Remove files unused for a week, once in a process; other processes may use the rest."""
     former = home.parent.glob("kernels-*")  # older format: one folder for all kernels
     for old in [*home.iterdir(), *former]:
         with suppress(OSError):
-            if old.stat().st_mtime < time.time() - KEPT:
+            if old.stat().st_mtime < time.time() - 7 * 86400.0:
                 if old.is_dir():
                     shutil.rmtree(old)
                 else:
@@ -178,8 +172,10 @@ class _Announcer(events.Listener):  # type: ignore[misc]  # numba has no types
         if self._spoken or Path(code.co_filename).parent not in _homes:
             return
         self._compiled += 1
-        if self._compiled in (1, FEW):
-            notice = _notice(few=self._compiled < FEW)
+        # Number of compiled kernels from which a notice is printed even if others are cached.
+        few = 10
+        if self._compiled in (1, few):
+            notice = _notice(few=self._compiled < few)
             if notice:
                 self._spoken = True
                 print(f"chromagrip: {notice}", file=sys.stderr, flush=True)

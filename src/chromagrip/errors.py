@@ -4,14 +4,11 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-#: Longest word or quoted value that a message repeats whole, and lengths of the begin and the end
-#: that are kept of a longer one [characters].
-_LONGEST, _BEGIN, _END = 240, 100, 40
+#: Longest word or quoted value that a message repeats whole [characters].
+_LONGEST = 240
 _LONG = re.compile(
     rf"(?<!\w)'[^']{{{_LONGEST},}}'|(?<!\w)\"[^\"]{{{_LONGEST},}}\"|\S{{{_LONGEST},}}"
 )
-#: Longest message, and lengths of the begin and the end kept of a longer one [characters].
-_MESSAGE, _MESSAGE_BEGIN, _MESSAGE_END = 1600, 600, 400
 
 
 class UserError(ValueError):
@@ -29,14 +26,17 @@ def one_line(text: str) -> str:
     """Remove control characters and shorten long values; a second call changes nothing."""
     text = "".join(c if c.isprintable() else _harmless(c) for c in text)
     text = _LONG.sub(_short, text)
-    if len(text) > _MESSAGE:
-        text = f"{text[:_MESSAGE_BEGIN]} … {text[-_MESSAGE_END:]}"
+    # Longest message, and lengths of the begin and the end kept of a longer one [characters].
+    most, begin, end = 1600, 600, 400
+    if len(text) > most:
+        text = f"{text[:begin]} … {text[-end:]}"
     return text
 
 
 def _short(found: re.Match[str]) -> str:
+    """Begin and end of a long value."""
     value = found[0]
-    return f"{value[:_BEGIN]}…{value[-_END:]}"
+    return f"{value[:100]}…{value[-40:]}"
 
 
 def _harmless(character: str) -> str:

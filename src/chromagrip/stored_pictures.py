@@ -24,8 +24,6 @@ Image = NDArray[np.uint8]
 
 #: Largest picture that is decoded by default [10⁶ pixels].
 MEGAPIXELS = 64.0
-#: Largest WebP that Pillow decodes [10⁶ pixels].
-_POSSIBLE = 178.0
 #: End of a refusal: the commands with a higher limit.
 MORE = "; detect, track, estimate and calibrate take --max-megapixels (max_megapixels in Python)"
 
@@ -45,8 +43,6 @@ _DAMAGES = (
     OSError, SyntaxError, ValueError, TypeError, LookupError, EOFError, ArithmeticError,
     AttributeError, RuntimeError, struct.error, zlib.error, Warning,
 )  # fmt: skip
-#: Numbers of the tags of a TIFF: width and height of a tile.
-_TILE = (322, 323)
 #: Held while OpenCV's log is off.
 _logging = threading.Lock()
 
@@ -95,9 +91,11 @@ def decoded(data: bytes, name: str, megapixels: float, *, grey: bool = False) ->
     if kind is None:
         return None
     opened = _opener(kind)
+    possible = 178.0  # largest WebP that Pillow decodes [10⁶ pixels]
+    tiles = (322, 323)  # numbers of the tags of a TIFF: width and height of a tile
     try:
         image = opened(io.BytesIO(data))
-        tile = (0, 0) if kind != "Tiff" else map(int, map(image.tag_v2.get, _TILE, (0, 0)))
+        tile = (0, 0) if kind != "Tiff" else map(int, map(image.tag_v2.get, tiles, (0, 0)))
         width, height = map(max, image.size, tile)
         check_pixels(width, height, name, megapixels)
         if kind == "Tiff":
@@ -111,7 +109,7 @@ def decoded(data: bytes, name: str, megapixels: float, *, grey: bool = False) ->
     except UserError:
         raise
     except import_module("PIL.Image").DecompressionBombError:  # Pillow's own limit for WebP
-        most = min(megapixels, _POSSIBLE)
+        most = min(megapixels, possible)
         raise UserError(f"{name} has too many megapixels; allowed: {most:g}{MORE}") from None
     except _DAMAGES:
         return None

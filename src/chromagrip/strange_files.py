@@ -16,8 +16,6 @@ from .errors import UserError
 
 #: Largest text file, such as a manifest of a million sequences [bytes].
 _MOST_BYTES = 200_000_000
-#: Values of the largest array of a NumPy file.
-MOST_VALUES = 100_000_000
 
 
 def inside(folder: Path, name: str, follow_links: bool = False) -> Path:
@@ -110,7 +108,7 @@ def array_names(path: Path) -> list[str]:
 
 
 def read_arrays(
-    path: Path, names: Iterable[str], most: int = MOST_VALUES
+    path: Path, names: Iterable[str], most: int = 100_000_000
 ) -> dict[str, NDArray[Any]]:
     """Read arrays of a NumPy file (.npz); their headers are checked before they are decoded.
 

@@ -16,7 +16,6 @@ from chromagrip.render import (
     load_sensor,
     outlines,
 )
-from chromagrip.sensing.camera import carried
 from chromagrip.sensing.sensor import TactileSensor
 from chromagrip.tracking import MarkerTracker, Palette
 
@@ -54,7 +53,7 @@ def test_its_markers_are_followed_without_swaps() -> None:
         rest = tracker.reset(camera.expose_rest(states[0], 4))
         found = [tracker.update(camera.expose(state, k)) for k, state in enumerate(states)]
     true = np.stack(
-        [centroids(outlines(carry(carried(s)), DESIGN.view), square=False) for s in states]
+        [centroids(outlines(carry(s.carried), DESIGN.view), square=False) for s in states]
     )
     nearest = [
         np.linalg.norm(rest.position[layer][:, None] - true[0, layer], axis=-1).argmin(axis=1)

@@ -12,7 +12,7 @@ import pytest
 import chromagrip
 from chromagrip import load_scene
 from chromagrip.loop.pinch.course_plot import BAND, OTHER, SEEN, TRUTH, CoursePlot, Courses
-from chromagrip.loop.pinch.stage import ABOVE, FINGER_COLOURS, UPPER, Stage, draw_along, draw_side
+from chromagrip.loop.pinch.stage import FINGER_COLOURS, Stage, draw_along, draw_side
 from chromagrip.loop.pinch.stage import set_stage as stage_of
 from chromagrip.loop.pinch.video import HEIGHT, SIDE, WIDTH, PinchVideo, _upright
 from chromagrip.loop.pinch.world import Pinched
@@ -21,6 +21,9 @@ from chromagrip.loop.run import run
 from chromagrip.loop.sample import Sample, Truth
 from chromagrip.model.pinch import rotation_by
 
+#: Angle of the view downwards [rad], and colour of the object's upper half, RGB.
+ABOVE = 0.3
+UPPER = (250, 214, 130)
 #: A light box and coarse domes.
 COARSE = {
     "path": "truth",

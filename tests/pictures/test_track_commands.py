@@ -657,7 +657,7 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("track first frames DARK --tracker nosuch", "no tracker 'nosuch'; there is"),
         ("track first frames DARK --tracker no.such:It", "cannot be imported: ModuleNotFound"),
         ("track first frames DARK --tracker bad_trackers:NoUpdate", "has no update"),
-        ("track first frames DARK --tracker bad_trackers:Nothing", "gave a NoneType; wanted"),
+        ("track first frames DARK --tracker bad_trackers:Nothing", "gave a NoneType; expected"),
         ("track first frames DARK --tracker bad_trackers:Exits", "failed: SystemExit: 0"),
         ("track first frames DARK --out none/../frames", "frames is not empty"),
     ],

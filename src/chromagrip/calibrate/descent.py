@@ -19,14 +19,6 @@ Examples = Callable[[NDArray[np.int64]], tuple[Short, Short]]
 
 #: Examples of a step.
 BATCH = 1024
-#: Step size at the start; it falls along a cosine.
-_RATE = 2e-3
-#: Step size at the end, over that at the start.
-_LAST = 1e-3
-#: Decay of the means of slopes and of their squares in a step (Kingma and Ba 2015).
-_DECAYS = (0.9, 0.999)
-#: Added to the root of the mean square.
-_LEAST = 1e-8
 
 
 def fit_network(
@@ -59,18 +51,25 @@ def fit_network(
     means, squares = ([np.zeros_like(value) for value in values] for _ in range(2))
     batches = -(-count // BATCH)
     step, layers = 0, len(sizes) + 1
+    first_rate = 2e-3  # step size at the start; it falls along a cosine
+    last_rate = 1e-3  # step size at the end, over that at the start
+    # Decay of the means of slopes and of their squares in a step (Kingma and Ba 2015).
+    decays = (0.9, 0.999)
+    least_root = 1e-8  # added to the root of the mean square
     for epoch in range(epochs):
         for part in np.array_split(rng.permutation(count), batches):
             slopes = _slopes(values, layers, *examples(part))
             step += 1
             share = step / (epochs * batches)
-            rate = _RATE * (_LAST + (1.0 - _LAST) * 0.5 * (1.0 + math.cos(math.pi * share)))
-            rate *= math.sqrt(1.0 - _DECAYS[1] ** step) / (1.0 - _DECAYS[0] ** step)
+            rate = first_rate * (
+                last_rate + (1.0 - last_rate) * 0.5 * (1.0 + math.cos(math.pi * share))
+            )
+            rate *= math.sqrt(1.0 - decays[1] ** step) / (1.0 - decays[0] ** step)
             for value, slope, mean, square in zip(values, slopes, means, squares, strict=True):
-                mean += np.float32(1.0 - _DECAYS[0]) * (slope - mean)
+                mean += np.float32(1.0 - decays[0]) * (slope - mean)
                 slope *= slope
-                square += np.float32(1.0 - _DECAYS[1]) * (slope - square)
-                value -= np.float32(rate) * mean / (np.sqrt(square) + np.float32(_LEAST))
+                square += np.float32(1.0 - decays[1]) * (slope - square)
+                value -= np.float32(rate) * mean / (np.sqrt(square) + np.float32(least_root))
         tell((epoch + 1) / epochs)
     return tuple(zip(values[:layers], values[layers:], strict=True))
 

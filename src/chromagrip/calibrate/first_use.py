@@ -18,8 +18,6 @@ HISTORIES = 8000
 EPOCHS = 30
 #: … and the noise of the camera, which a read-out knows by the factor from 0.3 to 4 [grey levels].
 NOISE = 2.0
-#: About what that takes on two cores [min].
-MINUTES = 7
 
 
 def ensure_readout(
@@ -65,9 +63,10 @@ def training_notice(calibration: "SensorCalibration") -> str:
     """
     path = place_to_keep(calibration)
     begun = path.with_name(f"{path.name}.parts").is_dir()
+    minutes = 7  # about what that takes on two cores [min]
     return (
         f"sensor {calibration.name} has no read-out yet: {'going on with' if begun else 'training'}"
-        f" one on {HISTORIES} random grips, once, which takes some {MINUTES} minutes on two cores "
+        f" one on {HISTORIES} random grips, once, which takes some {minutes} minutes on two cores "
         f"(Ctrl-C keeps what is done); it is kept in {path}"
     )
 

@@ -17,27 +17,8 @@ Array = NDArray[np.float64]
 
 #: Steps of the plant [s], and how many a history has: one of these, from 0.2 s to 0.56 s.
 STEPS = ((2e-3, 100), (4e-3, 80), (4e-3, 80), (8e-3, 70))
-#: Number of steps from one instant that may be kept to the next.
-EVERY = 2
-#: Histories of one specimen, one after the other.
-SPECIMEN = 32
 #: Positions to less than a thousandth of a micrometre cost more than they teach.
 RULE = IMPLICIT._replace(tolerance=5e-8)
-#: Instants kept of a history …
-_KEPT = 12
-#: … at first some soon after a change, and some that have rested for long, beside the last such.
-_EVENTS, _RESTS = 3, 2
-#: Most of the others in each bin of Γ from 0 to 1, and of all of them in the last one: many
-#: histories rest without a load, of which few suffice.
-_IN_BIN = (4, 4, 4, 4, 4, 3, 2, 1)
-#: An instant is soon after a change of grip or load by this share of the friction limit …
-_CHANGE = 0.1
-#: … for this time [s].
-_SOON = 0.02
-#: It is a rest where they have changed by no more than this share …
-_STILL = 2e-3
-#: … for this time [s].
-_LONG = 0.08
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,9 +60,10 @@ def random_plan(fingertip: Fingertip, number: int) -> Plan:
     Parameters
     ----------
     fingertip: nominal fingertip
-    number: number of the history; SPECIMEN successive ones share a specimen
+    number: number of the history; 32 successive ones share a specimen
     """
-    specimen = random_specimen(np.random.default_rng([76, number // SPECIMEN]), fingertip)
+    of_one = 32  # histories of one specimen, one after the other
+    specimen = random_specimen(np.random.default_rng([76, number // of_one]), fingertip)
     rng = np.random.default_rng([77, number])
     touched = random_contact(rng, specimen)
     dt, steps = STEPS[rng.integers(len(STEPS))]
@@ -118,7 +100,8 @@ def of_plan(plan: Plan, number: int) -> Snapshots:
     tip, obj, drive = plan.fingertip, plan.contact.obj, plan.drive
     steps = len(drive.times) - 1
     numbers = chain(tip), contact(tip, obj)
-    run = march(*numbers, rest_state(tip), drive, plan.dt, steps, EVERY, RULE)
+    every = 2  # number of steps from one instant that may be kept to the next
+    run = march(*numbers, rest_state(tip), drive, plan.dt, steps, every, RULE)
     normal = normal_forces(tip, obj, run)
     touching = normal > tip.contact_threshold
     press = (normal * touching).sum(axis=1)
@@ -169,18 +152,29 @@ def choose(
     limit = friction * forces[:, 0]
     change = (abs(np.diff(forces, axis=0)) * [friction, 1.0]).sum(axis=1) / limit[1:]
     period = float(time[1] - time[0])
-    soon = _within(change > _CHANGE, round(_SOON / period))
-    still = ~_within(change > _STILL, round(_LONG / period))
-    still[time < _LONG] = False
+    # An instant is soon after a change of grip or load by this share of the friction limit …
+    change_share = 0.1
+    soon_s = 0.02  # … for this time [s]
+    soon = _within(change > change_share, round(soon_s / period))
+    still_share = 2e-3  # it is a rest where they have changed by no more than this share
+    long_s = 0.08  # … for this time [s]
+    still = ~_within(change > still_share, round(long_s / period))
+    still[time < long_s] = False
     known = ~np.isnan(margin)
     events, rests, every = (rng.permutation(np.flatnonzero(k & known)) for k in (soon, still, True))
-    first = [*events[:_EVENTS], *np.sort(rests)[-1:], *rests[:_RESTS]]
-    free = list(_IN_BIN)
+    most_events = 3  # taken first: some soon after a change
+    most_rests = 2  # … and some that have rested for long, beside the last such
+    first = [*events[:most_events], *np.sort(rests)[-1:], *rests[:most_rests]]
+    # Most of the others in each bin of Γ from 0 to 1, and of all of them in the last one: many
+    # histories rest without a load, of which few suffice.
+    in_bin = (4, 4, 4, 4, 4, 3, 2, 1)
+    free = list(in_bin)
     found: list[int] = []
+    kept_at_most = 12  # instants kept of a history
     for order, index in enumerate(map(int, [*first, *every])):
         place = int(np.clip(margin[index] * len(free), 0, len(free) - 1))
         wanted = order < len(first) and place < len(free) - 1
-        if (wanted or free[place] > 0) and index not in found and len(found) < _KEPT:
+        if (wanted or free[place] > 0) and index not in found and len(found) < kept_at_most:
             free[place] -= 1
             found.append(index)
     return np.array(found, dtype=np.int64)

@@ -22,13 +22,6 @@ from .variations import log_uniform
 
 Array = NDArray[np.float64]
 
-#: Share of the snapshots that have the usual noise.
-_USUAL = 0.75
-#: Share of the snapshots in which pairs are lost.
-_LOSING = 0.3
-#: Largest number of pairs that are lost at once.
-_MOST_LOST = 8
-
 
 @dataclass(frozen=True, kw_only=True)
 class Learner:
@@ -42,6 +35,11 @@ class Learner:
     strength: prior variance of each unknown, shape (U,)
     smooth: functions of the residual's statistics
     """
+
+    #: Share of the snapshots that have the usual noise.
+    usual_share = 0.75
+    #: Share of the snapshots in which pairs are lost.
+    losing_share = 0.3
 
     basis: Basis
     mean: Array
@@ -69,7 +67,7 @@ class Learner:
         count, pairs = shifts.shape[:2]
         basis, codes = self.basis, len(self.basis.amounts) - 1
         white = ((limited(shifts) - self.mean) / basis.noise).reshape(count, -1).astype(np.float32)
-        usual = rng.random(count) < _USUAL
+        usual = rng.random(count) < self.usual_share
         levels = [log_uniform(rng, limits, count) for limits in (USUAL_NOISE, NOISE)]
         level = np.where(usual, *levels)
         noise = self._noise(rng, level, shifts.shape)
@@ -80,7 +78,7 @@ class Learner:
         unshrink[-len(SIZES) :] = 1.0
         operator = (covariance * unshrink).astype(np.float32)
         clean = (white @ self.rows) @ operator
-        for k in np.flatnonzero(rng.random(count) < _LOSING):
+        for k in np.flatnonzero(rng.random(count) < self.losing_share):
             used[k] = ~_lost(rng, shifts[k])
             kept = self.rows[np.repeat(used[k], MEASURED)]
             within = (kept.T @ kept).astype(float) + np.diag(1.0 / self.strength)
@@ -114,5 +112,6 @@ def _lost(rng: np.random.Generator, shifts: Array) -> NDArray[np.bool_]:
     middle = rng.choice(len(moved), p=moved / moved.sum())
     difference = np.linalg.norm(shifts[:, [0, 1, 3, 4]] - shifts[middle, [0, 1, 3, 4]], axis=1)
     lost = np.zeros(len(moved), dtype=bool)
-    lost[np.argsort(difference)[: rng.integers(1, _MOST_LOST + 1)]] = True
+    most = 8  # largest number of pairs that are lost at once
+    lost[np.argsort(difference)[: rng.integers(1, most + 1)]] = True
     return lost

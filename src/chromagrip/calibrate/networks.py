@@ -32,8 +32,6 @@ CODES = 100
 VARIED_CODES = 40
 #: Number of odd codes: motion across the load's plane, and turns.
 ODD_CODES = 30
-#: Modes of the chain.
-MODES = 60
 #: Modes of the distribution of either force.
 SHAPES = 12
 #: Noise trained with, in units of a single frame's: from averages of many frames to compressed
@@ -41,27 +39,30 @@ SHAPES = 12
 NOISE = (0.3, 4.0)
 #: … and that of most snapshots.
 USUAL_NOISE = (0.7, 1.3)
-#: One in this many histories is held out from the networks' training; their errors are learned
-#: from these.
-HELD_OUT = 5
-#: Force that is added to ΣFn before errors count relative to it [N].
-_LIGHT = 0.1
 #: Units of the totals among which the network shares its effort.
 _UNIT = np.array([0.25, 0.15, 0.6], dtype=np.float32)
-#: Units of the layers of the network that reads them: products of codes need depth.
-_HIDDEN = (256, 256, 256)
-#: Passes over the held-out lessons for each pass over the others.
-_ERROR_EPOCHS = 1
-#: Passes over the lessons by which distributions of force are learned, at most.
-_SHAPE_EPOCHS = 10
 #: Values of a basis that a read-out keeps.
 _FIELDS = ("mean", "fields", "left", "strength", "modes", "amounts")
-#: Share of the lessons that lie within what counts as trained.
-_HIGHEST = 0.9995
-#: Mean of the logarithm of a squared normal deviate.
-_LOG_SQUARE_MEAN = -1.27
-#: Its standard deviation.
-_LOG_SQUARE_DEVIATION = 2.22
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkSettings:
+    """Tuned numbers of the training of a read-out's networks.
+
+    Attributes
+    ----------
+    hidden: units of the layers of the network that reads the totals: products of codes need depth
+    held_out: number of histories of which one is held out, for the networks of errors
+    error_epochs: passes over the held-out lessons for each pass over the others
+    shape_epochs: largest number of passes by which distributions of force are learned
+    highest: share of the lessons that lie within the trained range
+    """
+
+    hidden: tuple[int, ...] = (256, 256, 256)
+    held_out: int = 5
+    error_epochs: int = 1
+    shape_epochs: int = 10
+    highest: float = 0.9995
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,7 +177,8 @@ def make_basis(
     # Mean over φ of a square: half of each harmonic's but the zeroth.
     share = np.where(np.arange(mean.shape[-1]) == 0, 1.0, 0.5)
     chain = instants.displacement.reshape(len(instants.displacement), -1).astype(float)
-    modes = _components(chain, MODES)
+    mode_count = 60  # modes of the chain
+    modes = _components(chain, mode_count)
     inputs = np.column_stack([codes, np.ones(len(codes))])
     return Basis(
         noise=noise,
@@ -187,7 +189,7 @@ def make_basis(
         strength=np.concatenate(
             [((white @ r.T) ** 2).mean(axis=0) for white, r in ((even, axes), (odd, odd_axes))]
         ),
-        modes=modes.reshape(MODES, *instants.displacement.shape[1:]),
+        modes=modes.reshape(mode_count, *instants.displacement.shape[1:]),
         amounts=np.linalg.lstsq(inputs, chain @ modes.T, rcond=None)[0],
         normal=_distribution(instants, instants.normal),
         friction=_distribution(instants, instants.friction),
@@ -226,6 +228,7 @@ def fit_readout(
     ranges: Mapping[str, object],
     epochs: int,
     tell: Callable[[str], None],
+    settings: NetworkSettings = NetworkSettings(),
 ) -> tuple[ReadOut, Errors]:
     """Train a read-out on lessons; returns it and its RMS errors on held-out histories.
 
@@ -237,11 +240,12 @@ def fit_readout(
     ranges: ranges of the training data, for the file
     epochs: number of passes over the data
     tell: function called with the current step, for a progress line
+    settings: tuned numbers of the training
     """
     context = lessons.context
     middle, spread = context.mean(axis=0), context.std(axis=0) + 1e-3
     scale = np.sqrt(basis.strength[: lessons.codes.shape[1]] + 1.0)
-    held = lessons.history % HELD_OUT == 0
+    held = lessons.history % settings.held_out == 0
     target = _targets(lessons.totals)
     course = _Course(
         lessons=replace(lessons, context=(context - middle) / spread),
@@ -253,8 +257,8 @@ def fit_readout(
     )
 
     learn = partial(_learn, tell)
-    network = learn("sums and friction", ~held, epochs, course.sums, *_HIDDEN)
-    learn_errors = partial(learn, "errors", held, _ERROR_EPOCHS * epochs)
+    network = learn("sums and friction", ~held, epochs, course.sums, *settings.hidden)
+    learn_errors = partial(learn, "errors", held, settings.error_epochs * epochs)
     errors = partial(course.errors, network)
     deviations, error, normalised = _fit_deviations(learn_errors, errors, np.flatnonzero(held))
     reach = np.sqrt(((lessons.codes / scale) ** 2).mean(axis=1))
@@ -262,13 +266,13 @@ def fit_readout(
         tissue_stiffness=calibration.fingertip.tissue_stiffness,
         design=calibration.sensor,
         ranges=dict(ranges),
-        context=np.stack([middle, spread, np.quantile(context, _HIGHEST, axis=0)]),
-        reach=float(np.quantile(reach, _HIGHEST)),
+        context=np.stack([middle, spread, np.quantile(context, settings.highest, axis=0)]),
+        reach=float(np.quantile(reach, settings.highest)),
         sums=course.linear.astype(float),
         targets=np.stack([course.mean, _UNIT]),
         totals=network,
         deviations=deviations,
-        shapes=learn("shapes", ~held, min(epochs, _SHAPE_EPOCHS), course.shapes, 96),
+        shapes=learn("shapes", ~held, min(epochs, settings.shape_epochs), course.shapes, 96),
         normal_shapes=basis.normal,
         friction_shapes=basis.friction,
         correlation=np.asarray(np.corrcoef(np.clip(normalised[:, :3], -5.0, 5.0).T)),
@@ -351,7 +355,8 @@ class _Course:
 def _linear_sums(lessons: Lessons, which: Mask) -> NDArray[np.float32]:
     """Linear read-out of ΣFn and ΣFf with the least relative error, shape (K + 1, 2)."""
     inputs = np.column_stack([lessons.codes[which], np.ones(which.sum(), dtype=np.float32)])
-    weight = 1.0 / (lessons.totals[which, :1] + _LIGHT)
+    light = 0.1  # force that is added to ΣFn before errors count relative to it [N]
+    weight = 1.0 / (lessons.totals[which, :1] + light)
     weighted, target = inputs * weight, lessons.totals[which, :2] * weight
     # Each code has unit noise.
     noise = float((weight**2).sum()) * np.eye(inputs.shape[1])
@@ -379,12 +384,14 @@ def _fit_deviations(
     errors: inputs, and errors of the totals and of Γ, with new noise
     unseen: numbers of lessons of histories held out
     """
+    log_square_mean = -1.27  # mean of the logarithm of a squared normal deviate
+    log_square_deviation = 2.22  # its standard deviation
 
     def examples(some: Numbered) -> tuple[Numbers, Numbers]:
         x, error = errors(some)
-        return x, (np.log(error**2 + 1e-12) - _LOG_SQUARE_MEAN) / _LOG_SQUARE_DEVIATION
+        return x, (np.log(error**2 + 1e-12) - log_square_mean) / log_square_deviation
 
-    network = _scaled(learn(examples, 64, 64), np.full(4, _LOG_SQUARE_DEVIATION, np.float32))
+    network = _scaled(learn(examples, 64, 64), np.full(4, log_square_deviation, np.float32))
     x, error = errors(unseen)
     deviation = np.exp(0.5 * forward(network, x))
     # So that nine in ten errors lie within Z90 deviations.

@@ -23,8 +23,6 @@ from .presses import Press
 
 Array = NDArray[np.float64]
 
-#: Prior standard deviation of the logarithm of these values around the design's.
-LOGARITHMIC = {"tissue_stiffness_n_per_m": 0.5, "membrane_stiffness_n_per_m": 0.5}
 #: Prior standard deviation of these values around the design's.
 DIRECT = {
     "tissue_poisson": 0.05,
@@ -41,24 +39,8 @@ _LIMITS = {
 }
 #: Name of the friction coefficient of skin and plate, which is fitted beside the values.
 FRICTION = "plate_friction"
-#: Its prior mean.
-_FRICTION = 0.6
-#: Prior standard deviation of its logarithm.
-_FRICTION_SPREAD = 0.4
-#: It is at least this many times the largest ratio of forces, or the plate would have slipped.
-_HELD = 1.05
-#: Largest distance of a value from the design's [prior standard deviations].
-_FARTHEST = 6.0
-#: Penalty stiffness of the plate [N/m]; tenfold less moves no marker by more than 0.3 % more.
-_PLATE = 1e6
 #: Nodes of the chain: as dense as at 251 in the contact, and sparser elsewhere.
 _STATIONS = Fingertip.graded().stations
-#: Step of derivatives in prior standard deviations, far above the noise of an equilibrium.
-_STEP = 0.02
-#: Relative change of x, or of the sum of squares, at which a fit ends.
-_ARRIVED = 1e-4
-#: Relative change of the sum of squares at which the first, robust fit ends.
-_ROUGH = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +54,14 @@ class Unknowns:
     needed: friction coefficient without which the plate would have slipped
     """
 
+    #: Prior mean of the friction coefficient.
+    usual_friction = 0.6
+    #: The friction coefficient is at least this many times the largest ratio of forces, or the
+    #: plate would have slipped.
+    held = 1.05
+    #: Largest distance of a value from the design's [prior standard deviations].
+    farthest = 6.0
+
     nominal: SensorCalibration
     spread: dict[str, float]
     needed: float
@@ -79,7 +69,7 @@ class Unknowns:
     def values(self, x: Array) -> dict[str, float]:
         """Every value by name."""
         values: dict[str, float] = asdict(values_of(self.nominal))
-        values[FRICTION] = max(_FRICTION, _HELD**2 * self.needed)
+        values[FRICTION] = max(self.usual_friction, self.held**2 * self.needed)
         for (name, by), step in zip(self.spread.items(), x, strict=True):
             if name in DIRECT:
                 values[name] += by * float(step)
@@ -102,20 +92,23 @@ class Unknowns:
     def limits(self) -> tuple[Array, Array]:
         """Lowest and highest x."""
         start = self.values(np.zeros(len(self.spread)))
-        edges = dict.fromkeys(self.spread, (-_FARTHEST, _FARTHEST))
+        edges = dict.fromkeys(self.spread, (-self.farthest, self.farthest))
         for name in self.spread.keys() & _LIMITS.keys():
             low, high = ((edge - start[name]) / self.spread[name] for edge in _LIMITS[name])
             edges[name] = (low, high)
         if self.needed:
-            least = math.log(_HELD * self.needed / start[FRICTION]) / self.spread[FRICTION]
-            edges[FRICTION] = (max(least, -_FARTHEST), _FARTHEST)
+            least = math.log(self.held * self.needed / start[FRICTION]) / self.spread[FRICTION]
+            edges[FRICTION] = (max(least, -self.farthest), self.farthest)
         lows, highs = np.array(list(edges.values())).T
         return lows, highs
 
 
 def unknowns_of(nominal: SensorCalibration, presses: list[Press]) -> Unknowns:
     """Values to fit of a sensor; not the yellow layer's motion where it is rigid by design."""
-    spread = LOGARITHMIC | DIRECT | {FRICTION: _FRICTION_SPREAD}
+    # Prior standard deviation of the logarithm of these values around the design's.
+    logarithmic = {"tissue_stiffness_n_per_m": 0.5, "membrane_stiffness_n_per_m": 0.5}
+    friction_spread = 0.4  # prior standard deviation of its logarithm
+    spread = logarithmic | DIRECT | {FRICTION: friction_spread}
     if not nominal.sensor.yellow.follow:
         del spread["yellow_follow"]
     needed = max(abs(press.lateral) / press.normal for press in presses)
@@ -125,7 +118,9 @@ def unknowns_of(nominal: SensorCalibration, presses: list[Press]) -> Unknowns:
 @lru_cache(maxsize=256)
 def pressed(fingertip: Fingertip, friction: float, normal: float, lateral: float) -> Array:
     """Node displacements relative to the rigid part [m], shape (N, 2)."""
-    plate = ContactObject(stiffness=_PLATE, friction=friction)
+    # Penalty stiffness of the plate [N/m]; tenfold less moves no marker by more than 0.3 % more.
+    plate_n_per_m = 1e6
+    plate = ContactObject(stiffness=plate_n_per_m, friction=friction)
     return equilibrium(fingertip, plate, normal, lateral).deformation.seen
 
 
@@ -168,12 +163,17 @@ def solve(
         except ModelError:  # too large a step, which the solver then shortens
             return np.full(weights[..., 0].size + len(x), np.inf)
 
+    # Step of derivatives in prior standard deviations, far above the noise of an equilibrium.
+    step_size = 0.02
+
     def jacobian(x: Array) -> Array:
         here = whitened(x)
-        steps = np.diag(np.where(x - low > high - x, -_STEP, _STEP))
+        steps = np.diag(np.where(x - low > high - x, -step_size, step_size))
         return np.stack([(whitened(x + h) - here) / h.sum() for h in steps], axis=1)
 
     low, high = unknowns.limits()
+    arrived = 1e-4  # relative change of x, or of the sum of squares, at which a fit ends
+    rough = 1e-2  # relative change of the sum of squares at which the first, robust fit ends
     result = least_squares(
         residuals,
         x,
@@ -181,8 +181,8 @@ def solve(
         bounds=(low, high),
         loss="soft_l1" if robust else "linear",
         f_scale=3.0,
-        xtol=_ARRIVED,
-        ftol=_ROUGH if robust else _ARRIVED,
+        xtol=arrived,
+        ftol=rough if robust else arrived,
     )
     return result.x, np.asarray(result.jac)
 

@@ -25,10 +25,6 @@ BY_FORCE = ("normal_n", "lateral_n")
 ON_SILICONE = ("torque_nmm", "radius_mm")
 #: Columns of a list of presses by displacement, likewise.
 BY_PLACE = ("depth_mm", "shear_mm")
-#: Smallest share of the pairs at rest that a picture of a press shows.
-_VISIBLE = 0.5
-#: Time between presses for the tracker, which needs times [s].
-_PERIOD = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +98,7 @@ def track_presses(
     if noise is None:
         noise, _ = noise_level(still, any(".jp" in path.suffix.lower() for path in files))
     follower = load_tracker(tracker)(Palette.of_sensor(sensor), noise)
+    period = 1.0  # the tracker needs a time between pictures [s]
     with one_thread():
         rest = follower.reset(still)
         rest_pose(sensor, rest)
@@ -110,14 +107,15 @@ def track_presses(
             tell(f"markers in {press.name}, {number} of {len(presses)}")
             image = read_picture(folder / press.name, max_megapixels)
             with located(f"picture {folder / press.name}"):
-                tracks.append(follower.update(Frame(image=image, time=number * _PERIOD)))
+                tracks.append(follower.update(Frame(image=image, time=number * period)))
     pairs = np.asarray(rest.visible.all(axis=0))
+    visible_share = 0.5  # smallest share of the pairs at rest that a picture of a press shows
     for press, now in zip(presses, tracks, strict=True):
         visible = int(now.visible[:, pairs].all(axis=0).sum())
-        if visible < _VISIBLE * pairs.sum():
+        if visible < visible_share * pairs.sum():
             raise UserError(
                 f"picture {folder / press.name} shows {visible} of the {pairs.sum()} marker pairs "
-                f"at rest; wanted: at least {_VISIBLE:.0%}"
+                f"at rest; wanted: at least {visible_share:.0%}"
             )
     return Pressed(presses=presses, rest=rest, tracks=tracks, noise=noise)
 

@@ -13,37 +13,8 @@ Array = NDArray[np.float64]
 
 #: Onset of the grip, while there is no load [s].
 ONSET = 0.03
-#: Grip at the very start as a share of the first one.
-_TOUCH = 0.02
 #: Largest ratio of the load to the friction limit µ·Fn: somewhat above 1 the object slides.
 _MOST_HELD = 1.02
-#: Share of the drives in which the object slides for a moment …
-_SLIDING = 0.2
-#: … ratio of load to friction limit meanwhile …
-_SLIDES_BY = (1.05, 2.5)
-#: … and its length [s].
-_MOMENT = (0.02, 0.15)
-#: Share of the drives of the other kinds in which the grip trembles.
-_TREMBLING = 0.25
-#: Most by which such a grip trembles, as a share of it, and least by which one does that trembles
-#: all the time.
-_TREMBLES_A_LITTLE, _TREMBLES_MUCH = 0.15, 0.04
-#: Smallest factor of a grip that trembles.
-_LEAST_OF_GRIP = 0.3
-#: Length of time that a value of a tremble is held [s]: white to 50 Hz at the longest.
-_HELD = (2e-3, 10e-3)
-#: Grip that React To Slip starts with, and adds [N].
-_REACTS = (0.5, 2.0)
-#: Share of the drives on a tilted surface whose load is about that which holds the object without
-#: friction; in the others it is about none, and what is beyond the limit is cut off.
-_BALANCED = 0.5
-#: Length of a step of the grip [s].
-_RISE = (2e-3, 30e-3)
-#: Time constant by which a grip follows a load [s], and the ratio of the µ that it takes to the
-#: true one.
-_LAG, _TAKEN = (4e-3, 80e-3), (0.75, 1.4)
-#: Desired safety margins.
-_DESIRED = (0.1, 0.6)
 
 
 @dataclass(frozen=True)
@@ -83,9 +54,12 @@ def random_drive(rng: np.random.Generator, contact: Contact, times: Array) -> tu
     """
     cone = np.arctan(contact.obj.friction)
     low, high = (np.tan(contact.tilt + side * cone) for side in (-1.0, 1.0))
+    # Share of the drives on a tilted surface whose load is about that which holds the object
+    # without friction; in the others it is about none, and what is beyond the limit is cut off.
+    balanced_share = 0.5
     task = GripTask(
         times=times,
-        middle=(high + low) / 2 if rng.random() < _BALANCED else 0.0,
+        middle=(high + low) / 2 if rng.random() < balanced_share else 0.0,
         half=(high - low) / 2,
         largest=contact.largest,
         above=min(RANGES.slides_by_n, 1e-3 * RANGES.slides_at_mm_per_s[1] * contact.obj.drag),
@@ -93,10 +67,13 @@ def random_drive(rng: np.random.Generator, contact: Contact, times: Array) -> tu
     )
     kind = str(rng.choice(list(DRIVES), p=[share for share, _ in DRIVES.values()]))
     grip, load = DRIVES[kind][1](rng, task)
-    if kind != "tremble" and rng.random() < _TREMBLING:
-        grip = grip * _tremble(rng, task, (RANGES.tremble[0], _TREMBLES_A_LITTLE))
+    trembling_share = 0.25  # share of the drives of the other kinds in which the grip trembles
+    most_tremble = 0.15  # most by which such a grip trembles, as a share of it
+    if kind != "tremble" and rng.random() < trembling_share:
+        grip = grip * _tremble(rng, task, (RANGES.tremble[0], most_tremble))
     onset = np.minimum(task.times / ONSET, 1.0)
-    grip = np.minimum(grip, task.largest) * np.maximum(onset, _TOUCH)
+    touch = 0.02  # grip at the very start as a share of the first one
+    grip = np.minimum(grip, task.largest) * np.maximum(onset, touch)
     load = np.clip(load, low * grip - task.above, high * grip + task.above)
     load[task.times <= ONSET] = 0.0
     return Drive(times=task.times, normal=grip, lateral=load), kind
@@ -145,10 +122,13 @@ def _wander(rng: np.random.Generator, task: GripTask) -> Array:
 def _tremble(rng: np.random.Generator, task: GripTask, sizes: Range) -> Array:
     """Factors of a grip that trembles, each held for some steps."""
     count = len(task.times)
-    held = max(round(evenly(rng, _HELD) / task.times[1]), 1)
+    # Length of time that a value of a tremble is held [s]: white to 50 Hz at the longest.
+    held_for = (2e-3, 10e-3)
+    held = max(round(evenly(rng, held_for) / task.times[1]), 1)
     noise = rng.standard_normal(count // held + 1).repeat(held)[:count]
     size = by_factor(rng, sizes)
-    return np.maximum(1.0 + size * noise, _LEAST_OF_GRIP)
+    least_factor = 0.3  # smallest factor of a grip that trembles
+    return np.maximum(1.0 + size * noise, least_factor)
 
 
 def _side(rng: np.random.Generator) -> float:
@@ -177,10 +157,13 @@ def _share_held(rng: np.random.Generator, task: GripTask) -> Array:
 def _shared(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
     """The load is a share of the friction limit; in some it is above it for a moment."""
     grip, share = _wander(rng, task), _share_held(rng, task)
-    if rng.random() < _SLIDING:
+    sliding_share = 0.2  # share of the drives in which the object slides for a moment
+    slides_by = (1.05, 2.5)  # … by this ratio of load to friction limit
+    moment = (0.02, 0.15)  # … and for this time [s]
+    if rng.random() < sliding_share:
         start = rng.uniform(2.0 * ONSET, task.duration)
-        during = (task.times >= start) & (task.times < start + evenly(rng, _MOMENT))
-        share[during] = (np.sign(share[during].sum()) or _side(rng)) * evenly(rng, _SLIDES_BY)
+        during = (task.times >= start) & (task.times < start + evenly(rng, moment))
+        share[during] = (np.sign(share[during].sum()) or _side(rng)) * evenly(rng, slides_by)
     return grip, _limit(task, grip, share)
 
 
@@ -215,7 +198,8 @@ def _independent(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array
 def _stepping(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
     """The grip steps up once or twice under a load near the friction limit, and rests."""
     reacts = rng.random() < 0.3
-    grip = min(_REACTS[0], 0.3 * task.largest) if reacts else float(_grips(rng, task, 1)[0])
+    reacting = (0.5, 2.0)  # grip that React To Slip starts with, and adds [N]
+    grip = min(reacting[0], 0.3 * task.largest) if reacts else float(_grips(rng, task, 1)[0])
     if rng.random() < 0.6:
         grip *= rng.uniform(0.15, 0.6)
     side = _side(rng)
@@ -228,12 +212,13 @@ def _stepping(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
         grips.append(grip)
         loads.append(load)
 
+    rise = (2e-3, 30e-3)  # length of a step of the grip [s]
     for _ in range(rng.integers(1, 4)):
         load = float(_limit(task, np.array(grip), side * share))
         to(by_factor(rng, (1e-3, 0.2)), load)
         to(rng.uniform(0.0, 0.1), load)
-        grip = grip + _REACTS[1] if reacts else grip * by_factor(rng, RANGES.grip_step)
-        to(by_factor(rng, _RISE), load)
+        grip = grip + reacting[1] if reacts else grip * by_factor(rng, RANGES.grip_step)
+        to(by_factor(rng, rise), load)
         to(rng.uniform(0.02, 0.3), load)
         if rng.random() < 0.5:  # the same load for good
             break
@@ -244,7 +229,9 @@ def _stepping(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
 def _following(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
     """The grip follows the load to a safety margin, late and with noise, as controllers do."""
     dt = float(task.times[1])
-    ratio = task.half * evenly(rng, _TAKEN) * (1.0 - evenly(rng, _DESIRED))
+    taken = (0.75, 1.4)  # ratio of the µ that the controller takes to the true one
+    desired = (0.1, 0.6)  # desired safety margins
+    ratio = task.half * evenly(rng, taken) * (1.0 - evenly(rng, desired))
     load = _own_load(rng, task, ratio * float(_grips(rng, task, 1)[0]))
     least = min(by_factor(rng, (0.03, 0.8)), 0.3 * task.largest)
     noise = by_factor(rng, (0.005, 0.1)) * rng.standard_normal(len(load))
@@ -253,7 +240,8 @@ def _following(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
     late = frame * int(rng.integers(1, 3))
     need = np.concatenate([np.full(late, least), need])[: len(load)]
     need = need[np.arange(len(need)) // frame * frame]
-    follows = 1.0 - np.exp(-dt / by_factor(rng, _LAG))
+    lag = (4e-3, 80e-3)  # time constant by which a grip follows a load [s]
+    follows = 1.0 - np.exp(-dt / by_factor(rng, lag))
     falls = dt * by_factor(rng, (1.0, 100.0))
     grip, now = np.empty(len(load)), least
     for k, goal in enumerate(need):
@@ -303,7 +291,9 @@ def _trembling(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
     grip, load = _following(rng, task) if rng.random() < 0.5 else _independent(rng, task)
     if rng.random() < 0.3:
         grip = np.full(len(grip), grip.mean())
-    return grip * _tremble(rng, task, (_TREMBLES_MUCH, RANGES.tremble[1])), load
+    # Least by which a grip trembles that does so all the time, as a share of it.
+    least_tremble = 0.04
+    return grip * _tremble(rng, task, (least_tremble, RANGES.tremble[1])), load
 
 
 #: Kinds of drive, each with its share.

@@ -87,22 +87,6 @@ SHAPES = {
     "groove": 0.05,
     "two": 0.08,
 }
-#: Share of the objects whose µ, and whose k_c, is within the usual range.
-_USUAL = (0.65, 0.75)
-#: Share of the objects without a Dahl law.
-_COULOMB = 0.04
-#: Width of two ridges, one standard deviation, over their distance.
-_RIDGES = (0.12, 0.35)
-#: Share of such objects that are touched at two places only, and least depth to which they are
-#: pressed [m].
-_APART_STILL, _LEAST_ROOM = 0.7, 0.15e-3
-#: Half width of a profile, in radii of the fingertip, and distance of its points [m].
-_HALF, _APART = 1.75, 0.2e-3
-#: Largest curvature of hollow objects, over that of the fingertip.
-_HOLLOWEST = 0.5
-#: Largest depth, of fingertip and object together, as a share of the radius of a round object:
-#: soft ones are pierced at .58, stiff ones later …
-_DEEPEST = 0.45
 #: … and of any other object, as a share of the fingertip's radius.
 _INDENTED = 0.5
 
@@ -153,8 +137,11 @@ def random_contact(rng: np.random.Generator, fingertip: Fingertip) -> Contact:
     """Object of any shape, from soft to stiff, from slippery to rough."""
     r = RANGES
     shape = str(rng.choice(list(SHAPES), p=list(SHAPES.values())))
-    usual = rng.random(2) < _USUAL
-    coulomb = rng.random() < _COULOMB
+    # Share of the objects whose µ, and whose k_c, is within the usual range.
+    usual_shares = (0.65, 0.75)
+    usual = rng.random(2) < usual_shares
+    coulomb_share = 0.04  # share of the objects without a Dahl law
+    coulomb = rng.random() < coulomb_share
     bristle = by_factor(rng, r.dahl_stiffness_n_per_m)
     material = ContactObject(
         stiffness=by_factor(rng, r.usual_stiffness_n_per_m if usual[1] else r.stiffness_n_per_m),
@@ -164,16 +151,19 @@ def random_contact(rng: np.random.Generator, fingertip: Fingertip) -> Contact:
         drag=by_factor(rng, r.drag_n_s_per_m),
     )
     room = _INDENTED * fingertip.radius
+    half_width = 1.75  # half width of a profile, in radii of the fingertip
+    point_distance = 0.2e-3  # distance of its points [m]
+    hollowest = 0.5  # largest curvature of hollow objects, over that of the fingertip
     if shape in ("flat", "round", "hollow"):
         low, high = r.curvature_per_m
-        low = max(low, -_HOLLOWEST / fingertip.radius)
+        low = max(low, -hollowest / fingertip.radius)
         limits = {"flat": (0.0, 0.0), "round": (0.0, high), "hollow": (low, 0.0)}[shape]
         curvature, tilt = evenly(rng, limits), 0.0
         obj = replace(material, curvature=curvature)
     else:
         surface, tilt, curvature, room = _surface(rng, shape, fingertip.radius)
-        half = _HALF * fingertip.radius
-        x = np.linspace(-half, half, 1 + round(2 * half / _APART))
+        half = half_width * fingertip.radius
+        x = np.linspace(-half, half, 1 + round(2 * half / point_distance))
         if shape == "tilted":
             x = np.array([-half, 0.0, half])
         obj = replace(material, profile=tuple(zip(x.tolist(), surface(x).tolist(), strict=True)))
@@ -201,13 +191,16 @@ def _surface(rng: np.random.Generator, shape: str, radius: float) -> _Surface:
     width = 1e-3 * by_factor(rng, r.width_mm)
     middle, room = rng.normal(0.0, 0.3e-3 if two else 1e-3), _INDENTED * radius
     tops = [middle]
+    ridge_widths = (0.12, 0.35)  # width of two ridges, one standard deviation, over their distance
     if two:
         apart = 1e-3 * evenly(rng, r.contacts_apart_mm)
         tops = [middle - apart / 2, middle + apart / 2]
-        width = apart * evenly(rng, _RIDGES)
+        width = apart * evenly(rng, ridge_widths)
     height = min(height, r.bump_curvature_per_m * width**2)
-    if two and rng.random() < _APART_STILL:  # what is between the ridges is not reached
-        room = max(height - (apart / 2) ** 2 / (2.0 * radius), _LEAST_ROOM)
+    two_places = 0.7  # share of such objects that are touched at two places only
+    least_room = 0.15e-3  # least depth to which they are pressed [m]
+    if two and rng.random() < two_places:  # what is between the ridges is not reached
+        room = max(height - (apart / 2) ** 2 / (2.0 * radius), least_room)
     heights = height * (rng.uniform(0.85, 1.0, len(tops)) if two else np.ones(1))
     side = 1.0 if shape == "groove" else -1.0
 
@@ -226,7 +219,10 @@ def largest_grip(fingertip: Fingertip, stiffness: float, curvature: float, room:
     Object and tissue are springs in series, over the width in which the two circles overlap.
     """
     tissue = fingertip.tissue_stiffness
-    depth = min(room, _DEEPEST / curvature) if curvature > 0.0 else room
+    # Largest depth, of fingertip and object together, as a share of the radius of a round object:
+    # soft ones are pierced at .58, stiff ones later.
+    deepest = 0.45
+    depth = min(room, deepest / curvature) if curvature > 0.0 else room
     half_width = np.sqrt(2.0 * depth / (1.0 / fingertip.radius + curvature))
     nodes = 2.0 * half_width * (REFERENCE_NODES - 1) / fingertip.arc_lengths()[-1]
     in_series = tissue * stiffness / (tissue + stiffness)

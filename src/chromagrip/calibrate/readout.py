@@ -41,12 +41,6 @@ PART = 250
 BASIS = 500
 #: Variations of specimen and picture that are trained with.
 VARIATIONS = VariationRanges()
-#: Snapshots whose shifts are computed at a time.
-_AT_ONCE = 50
-#: Frames at rest from which the noise of the shifts is found.
-_FRAMES = 8
-#: File next to the parts with the sensor and the noise of their training.
-_SETTINGS = "settings.json"
 
 
 class _Part(NamedTuple):
@@ -121,7 +115,9 @@ def _claim(folder: Path, calibration: SensorCalibration, noise: float) -> None:
     """Write the settings of a training into its folder of parts; refuse those of another."""
     key = training_key(calibration.sensor, calibration.fingertip)
     settings = msgspec.json.encode({"of": msgspec.Raw(key), "noise": noise})
-    file = folder / _SETTINGS
+    # File beside the parts that names the sensor and noise that they are of.
+    settings_file = "settings.json"
+    file = folder / settings_file
     if all(path.name == LOCK for path in folder.iterdir()):
         with whole_file(file) as part:
             part.write_bytes(settings)
@@ -138,8 +134,9 @@ def _basis(calibration: SensorCalibration, noise: float) -> Basis:
     camera = TactileSensor(sensor, body=tip, noise=noise, defects=Defects()).camera
     tracker = MarkerTracker(Palette.of_sensor(sensor), noise)
     state = rest_state(tip)
+    frames_at_rest = 8  # frames at rest from which the noise of the shifts is found
     with closing(camera):
-        tracker.reset(camera.expose_rest(state, _FRAMES))
+        tracker.reset(camera.expose_rest(state, frames_at_rest))
         tracks = tracker.update(camera.expose(state, 0))
     # Variances of the design's pairs: each that of the nearest pair found.
     places = sensor.view.project(sensor.shape.points(sensor.places, sensor.depths[0]))
@@ -174,8 +171,9 @@ def _shifts(
     ranges: VariationRanges,
 ) -> Iterator[Array]:
     """Yield shifts of snapshots under random variations, without noise, (S, P, 6) at a time."""
-    for k in range(0, len(instants.totals), _AT_ONCE):
-        chain = instants.displacement[k : k + _AT_ONCE].astype(float)
+    at_once = 50  # snapshots whose shifts are computed at a time
+    for k in range(0, len(instants.totals), at_once):
+        chain = instants.displacement[k : k + at_once].astype(float)
         variations = random_variations(rng, chain, ranges)
         yield varied_shifts(sensor, places, tip, chain, variations)
 

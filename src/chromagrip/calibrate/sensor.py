@@ -38,27 +38,10 @@ from .presses import LIST, Press, Pressed, read_list, track_presses
 
 Array = NDArray[np.float64]
 
-#: Pairs whose misfit is more than this many times the median's are left out.
-_OUTLIER = 5.0
-#: Largest share of the pairs that move that may be left out.
-_OUTLIERS = 0.1
 #: Variance of a pair that was not visible [px²].
 _UNKNOWN = 1e6
 #: Columns of the places among the measurements of a pair.
 _PLACES = [0, 1, 3, 4]
-#: Columns of the log sizes.
-_SIZES = [2, 5]
-#: Smallest ratio of the largest to the smallest normal force: with one force alone, a wrong zero of
-#: the force sensor looks like stiffness.
-_RANGE = 1.5
-#: Largest ratio of lateral to normal force.
-_STEEPEST = 0.9
-#: Largest error of a fit, as a share of the markers' motion.
-_LEFT = 0.2
-#: Largest standard deviation of a stiffness that counts as determined, as a share of it.
-_VAGUE = 0.1
-#: Error of the node model itself where the finger is another one, as a share of forces.
-_MODEL_ERROR = 0.02
 #: Ends the refusal of presses that no sensor near the design explains.
 _HINT = (
     "Check the forces, that each press began unloaded, and that the plate is stiff, flat and level"
@@ -145,17 +128,21 @@ def calibrate_sensor(
 def _check_forces(presses: list[Press], where: Path) -> None:
     """Refuse forces that do not determine a stiffness, or at which a plate slips."""
     normal = [press.normal for press in presses]
-    if max(normal) < _RANGE * min(normal):
+    # Smallest ratio of the largest to the smallest normal force: with one force alone, a wrong zero
+    # of the force sensor looks like stiffness.
+    least_range = 1.5
+    if max(normal) < least_range * min(normal):
         raise UserError(
             f"the presses of {where} have normal forces of {min(normal):g} to {max(normal):g} N, "
-            f"which do not determine a stiffness; wanted: the largest at least {_RANGE:g} times "
-            "the smallest"
+            f"which do not determine a stiffness; wanted: the largest at least {least_range:g} "
+            "times the smallest"
         )
     steepest = max(presses, key=lambda press: abs(press.lateral) / press.normal)
-    if abs(steepest.lateral) > _STEEPEST * steepest.normal:
+    allowed = 0.9  # largest ratio of lateral to normal force
+    if abs(steepest.lateral) > allowed * steepest.normal:
         raise UserError(
             f"press {steepest.name} of {where} has {steepest.lateral:g} N with a normal force of "
-            f"{steepest.normal:g} N, at which a plate slips; allowed: {_STEEPEST:g} times as much"
+            f"{steepest.normal:g} N, at which a plate slips; allowed: {allowed:g} times as much"
         )
 
 
@@ -236,13 +223,16 @@ def _fit_forces(
     covariance = np.asarray(np.linalg.inv(slope.T @ slope), dtype=float)
     deviations = unknowns.deviations(x, covariance)
     calibration, _ = unknowns.calibration(x)
+    sizes = [2, 5]  # columns of the log sizes
+    # Error of the node model itself where the finger is another one, as a share of forces.
+    model_error = 0.02
     calibration = replace(
         calibration,
         position_floor=float(np.sqrt(residual[_PLACES].mean())),
-        size_floor=float(np.sqrt(residual[_SIZES].mean())),
+        size_floor=float(np.sqrt(residual[sizes].mean())),
         stiffness_deviation=float(
             np.hypot(
-                _MODEL_ERROR,
+                model_error,
                 deviations["tissue_stiffness_n_per_m"] / calibration.fingertip.tissue_stiffness,
             )
         ),
@@ -269,14 +259,16 @@ def _without_outliers(
         np.sqrt((v * np.linalg.solve(covariance, v[..., None])[..., 0]).sum(axis=-1))
         for v in (error, shifts)
     )
-    limit = _OUTLIER * np.median(missed[visible])
+    outlier = 5.0  # pairs whose misfit is more than this many times the median's are left out
+    limit = outlier * np.median(missed[visible])
     kept, moving = visible & (missed < limit), visible & (moved > limit)
     # Pairs that hold still are many, and do not show whether the fit is right.
     lost = float((moving & ~kept).sum() / max(1, moving.sum()))
-    if lost > _OUTLIERS:
+    outlier_share = 0.1  # largest share of the pairs that move that may be left out
+    if lost > outlier_share:
         raise UserError(
             f"{lost:.0%} of the markers that move are far from where a sensor near the design has "
-            f"them; allowed: {_OUTLIERS:.0%}. {_HINT}"
+            f"them; allowed: {outlier_share:.0%}. {_HINT}"
         )
     return kept, moving
 
@@ -286,15 +278,18 @@ def _check_fit(
 ) -> None:
     """Refuse a fit with large errors of the pairs (n, 6) that move, or of a vague stiffness."""
     missed, motion = _places_rms(error), _places_rms(shifts)
-    if missed > _LEFT * motion:
+    most_left = 0.2  # largest error of a fit, as a share of the markers' motion
+    if missed > most_left * motion:
         raise UserError(
             f"no sensor near the design explains the presses: of a motion of {motion:.2f} px RMS "
-            f"it misses {missed:.2f} px; allowed: {_LEFT:.0%}. {_HINT}"
+            f"it misses {missed:.2f} px; allowed: {most_left:.0%}. {_HINT}"
         )
     vague = deviations["tissue_stiffness_n_per_m"] / calibration.fingertip.tissue_stiffness
-    if vague > _VAGUE:
+    # Largest standard deviation of a stiffness that counts as determined, as a share of it.
+    most = 0.1
+    if vague > most:
         raise UserError(
-            f"the presses leave the stiffness open by {vague:.0%}; allowed: {_VAGUE:.0%}, wanted: "
+            f"the presses leave the stiffness open by {vague:.0%}; allowed: {most:.0%}, wanted: "
             "more presses, and larger forces"
         )
 

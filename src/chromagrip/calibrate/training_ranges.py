@@ -27,12 +27,6 @@ _UNITS = {
     "_px": "px",
     "_n": "N",
 }
-#: Fields of standard deviations: the table goes to twice as much.
-_DEVIATIONS = ("azimuth_noise_deg", "azimuth_deg", "azimuth_by_twist", "twist_deg")
-#: Fields of largest changes to either side.
-_EITHER_SIDE = ("off_plane_share", "contraction", "follow_share", "depth_share")
-#: Fields that are one value in a few cases.
-_SINGLE = ("coulomb_stiffness_n_per_m",)
 #: Fields that say how often something varies, not how far.
 _HOW_OFTEN = ("nominal_share", "each_share")
 
@@ -126,13 +120,18 @@ def _rows(ranges: Any) -> Iterator[RangeRow]:
 def _row(field: str, value: float | tuple[float, float]) -> RangeRow:
     end = next((end for end in _UNITS if field.endswith(end)), "")
     note, what = "", _WORDS.get(field, field.removesuffix(end).replace("_", " "))
+    # Fields of standard deviations: the table goes to twice as much.
+    deviations = ("azimuth_noise_deg", "azimuth_deg", "azimuth_by_twist", "twist_deg")
+    # Fields of largest changes to either side.
+    either_side = ("off_plane_share", "contraction", "follow_share", "depth_share")
+    single = ("coulomb_stiffness_n_per_m",)  # fields that are one value in a few cases
     if isinstance(value, tuple):
         low, high = value
-    elif field in _DEVIATIONS:
+    elif field in deviations:
         low, high, note = -2.0 * value, 2.0 * value, "normal, two standard deviations"
-    elif field in _EITHER_SIDE:
+    elif field in either_side:
         low, high = -value, value
-    elif field in _SINGLE:
+    elif field in single:
         low, high, note = value, value, "a few"
     else:
         low, high = 0.0, value

@@ -28,12 +28,6 @@ Array = NDArray[np.float64]
 
 #: Terms of the smooth motion that no map describes.
 _TERMS = 4
-#: Step of derivatives by differences [rad].
-_NUDGE = 1e-4
-#: Motion of the skin at which blur and light have changed sizes by half of what they do [m].
-_MOVED = 1e-4
-#: Snapshots at a time: all of them would need much memory.
-_AT_ONCE = 50
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +152,9 @@ def random_variations(
     form[:, 1] = np.where(
         (unknown[:, 1] == unknown[:, 0]).all(axis=(1, 2))[:, None, None], form[:, 0], form[:, 1]
     )
-    sizes = log_uniform(rng, ranges.size_share, count) * moved / (moved + _MOVED)
+    # Motion of the skin at which blur and light have changed sizes by half of what they do [m].
+    moved_m = 1e-4
+    sizes = log_uniform(rng, ranges.size_share, count) * moved / (moved + moved_m)
     # The estimate of the azimuth is never exact.
     azimuth = np.deg2rad(ranges.azimuth_noise_deg * rng.standard_normal(count))
     azimuth += some(np.deg2rad(ranges.azimuth_deg) * rng.standard_normal(count))
@@ -202,15 +198,19 @@ def varied_shifts(
     variations: of the S snapshots
     """
     markers = _Markers(sensor, places, tip)
+    at_once = 50  # snapshots at a time: all of them would need much memory
     parts = [
-        markers.shifts(chain[k : k + _AT_ONCE], variations.part(slice(k, k + _AT_ONCE)))
-        for k in range(0, len(chain), _AT_ONCE)
+        markers.shifts(chain[k : k + at_once], variations.part(slice(k, k + at_once)))
+        for k in range(0, len(chain), at_once)
     ]
     return np.concatenate(parts)
 
 
 class _Markers:
     """Markers of a design at P places, both layers above each other."""
+
+    #: Step of derivatives by differences [rad].
+    nudge = 1e-4
 
     def __init__(self, sensor: SensorDesign, places: Array, tip: Fingertip) -> None:
         self._sensor, self._places = sensor, places
@@ -233,15 +233,17 @@ class _Markers:
         for layer in range(2):
             moved = displaced(theta, phi, value, variations, layer)
             ahead, back = (
-                displaced(theta, phi + h, value, variations, layer) for h in (_NUDGE, -_NUDGE)
+                displaced(theta, phi + h, value, variations, layer)
+                for h in (self.nudge, -self.nudge)
             )
             # What the chain carries is held still here: its slope comes after.
             up, down = (
-                displaced(theta + h, phi, value, variations, layer) for h in (_NUDGE, -_NUDGE)
+                displaced(theta + h, phi, value, variations, layer)
+                for h in (self.nudge, -self.nudge)
             )
             along = displaced(theta, phi, slope, variations, layer, derivative=True)
-            along = along + (up - down) / (2.0 * _NUDGE)
-            around = (ahead - back) / (2.0 * _NUDGE) / carry.ring[:, None]
+            along = along + (up - down) / (2.0 * self.nudge)
+            around = (ahead - back) / (2.0 * self.nudge) / carry.ring[:, None]
             here = self._measured(layer, variations, moved, along, around)
             here = here - self._at_rest(layer, variations)
             turned = phi - variations.azimuth[:, None]

@@ -36,8 +36,6 @@ if TYPE_CHECKING:  # OpenCV loads only when something is calibrated
 _DEFAULT_OUT = Path("calibration.yml")
 #: File of the sensor, unless another is named.
 _DEFAULT_SENSOR = Path("sensor-calibration.toml")
-#: Pixels of a square in the printed board: finer than printers print it.
-_PRINTED = 300
 
 
 def calibrate(
@@ -208,9 +206,10 @@ def _print_board(board: "Board", path: Path, overwrite: bool, json_only: bool) -
 
     check_file(path, {".png"}, overwrite)
     width, height = board.size
-    per_inch = _PRINTED * 25.4e-3 / board.square
+    printed = 300  # pixels of a square in the printed board: finer than printers print it
+    per_inch = printed * 25.4e-3 / board.square
     try:
-        imsave(path, board_picture(board, _PRINTED), cmap="gray", vmin=0, vmax=255, dpi=per_inch)
+        imsave(path, board_picture(board, printed), cmap="gray", vmin=0, vmax=255, dpi=per_inch)
     except OSError as error:
         raise UserError(f"file {path} cannot be written: {error.strerror}") from None
     if json_only:

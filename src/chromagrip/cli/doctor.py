@@ -15,7 +15,10 @@ from importlib.util import find_spec
 from .. import links
 from ..extras import EXTRAS, install_command
 
-OK, MISSING, OPTIONAL, BROKEN = "ok", "missing", "optional, missing", "broken"
+OK = "ok"
+MISSING = "missing"
+OPTIONAL = "optional, missing"
+BROKEN = "broken"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,9 @@ from typing import Any, NoReturn
 from ..errors import UserError, one_line
 
 NAME = "chromagrip"
-INVALID, INTERRUPTED, CLOSED = 2, 130, 141
+INVALID = 2
+INTERRUPTED = 130
+CLOSED = 141
 
 
 def finish(work: Callable[[], int | None]) -> NoReturn:

@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from ..measure.limits.sweep import Point
 
 
-#: Options that some bodies alone have.
-_OPTIONS: dict[Body, tuple[str, ...]] = {"chain": (), "dome": ("--azimuth-deg", "--shears")}
-
-
 def limit(
     *,
     sensor: Annotated[
@@ -72,8 +68,10 @@ def limit(
             raise UserError(f"{name} must be finite and above 0, got {value:g}")
     if frames < 1:
         raise UserError(f"--frames must be 1 or more, got {frames}")
+    # Options that some bodies alone have.
+    options = {"chain": (), "dome": ("--azimuth-deg", "--shears")}
     for name, value in (("--azimuth-deg", azimuth_deg), ("--shears", shears)):
-        if value is not None and name not in _OPTIONS[body]:
+        if value is not None and name not in options[body]:
             raise UserError(f"{name} needs --body dome")
 
     from ..folders import prepared

@@ -22,8 +22,6 @@ OBJECTS: dict[str, dict[str, Any]] = {
     "cone": {"object.size_mm": (6.0, 6.0), "object.rounding_mm": 0.5},
 }
 
-#: Values below this are rounding errors of a contact [N, N·mm, mm].
-LEAST = 5e-5
 #: Share of the silicone's thickness up to which its markers were compared with finite elements.
 DEEPEST = 0.5
 #: Radius of the ball [mm].
@@ -166,7 +164,8 @@ def render(
 
 def _plain(value: float) -> str:
     """Number of three digits, without what is the solver's."""
-    return f"{0.0 if abs(value) < LEAST else value:.3g}"
+    least = 5e-5  # values below this are rounding errors of a contact [N, N·mm, mm]
+    return f"{0.0 if abs(value) < least else value:.3g}"
 
 
 def _again(asked: Asked) -> str:

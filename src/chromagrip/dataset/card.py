@@ -21,20 +21,8 @@ from .recipe import CASE, Case, Recipe, Values, bodies_of, dotted
 if TYPE_CHECKING:
     import pyarrow as pa
 
-#: Columns of frames whose histograms the card shows.
-_COUNTED = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
-#: Bins of a histogram.
-_BINS = 10
-#: Length of the longest bar of a histogram [characters].
-_WIDTH = 30
-#: Largest relative difference that counts as rounding.
-_ROUNDING = 1e-9
 #: Pictures in a row of the sheet.
 _ACROSS = 4
-#: Rows of the sheet.
-_DOWN = 3
-#: Factors by which a sheet may magnify motion, and its longest arrow over the picture's height.
-_MAGNIFY, _ARROW = (1, 2, 5, 10, 20, 50), 0.12
 _SNIPPET = """## Loading
 
 ```python
@@ -65,14 +53,17 @@ def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     except (pa.ArrowException, OverflowError) as error:  # of values that a stranger gave
         raise UserError(f"drawn values of the sequences fit in no table: {error}") from None
     write_whole(folder / TABLE, data)
-    columns = [*_COUNTED, "slip_state"]
+    # Columns of frames whose histograms the card shows.
+    counted = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
+    columns = [*counted, "slip_state"]
     parts: dict[str, list[Any]] = {name: [] for name in columns}
     for table in tables(folder, names, columns):
         for name in columns:
             parts[name].append(table[name].combine_chunks())
     values = {name: pa.chunked_array(parts[name]) for name in columns}
     read = reading_lines(recipe.reading, tables(folder, names))
-    chosen = np.linspace(0, len(numbers) - 1, _ACROSS * _DOWN, dtype=int)
+    down = 3  # rows of the sheet
+    chosen = np.linspace(0, len(numbers) - 1, _ACROSS * down, dtype=int)
     shown = [load_sequence(folder / names[at]) for at in dict.fromkeys(chosen)]
     write_whole(folder / CARD, _card(recipe, drawn, values, read, shown[0]).encode())
     write_whole(folder / SHEET, _sheet(shown))
@@ -188,11 +179,13 @@ def _histogram(column: "pa.ChunkedArray") -> list[str]:
     there = values[np.isfinite(values)]
     if not len(there):
         return ["nothing"]
+    rounding = 1e-9  # largest relative difference that counts as rounding
     # Values that differ only by rounding count as one; all are newtons, or shares.
-    alike = np.ptp(there) <= _ROUNDING * max(abs(there).max(), 1.0)
+    alike = np.ptp(there) <= rounding * max(abs(there).max(), 1.0)
     around = (there[0] - 0.5, there[0] + 0.5) if alike else None
-    counts, edges = np.histogram(there, _BINS, around)
-    bars = np.rint(_WIDTH * counts / max(counts.max(), 1)).astype(int)
+    counts, edges = np.histogram(there, 10, around)
+    longest = 30  # length of the longest bar of a histogram [characters]
+    bars = np.rint(longest * counts / max(counts.max(), 1)).astype(int)
     return [
         f"{low:8.3g} … {high:8.3g}  {'#' * bar} {count}"
         for low, high, bar, count in zip(edges, edges[1:], bars, counts, strict=False)
@@ -227,7 +220,9 @@ def _draw_motion(axis: Axes, one: Loaded) -> int:
     start, moved = places[0, visible], places[-1, visible] - places[0, visible]
     length = np.linalg.norm(moved, axis=1)
     largest = max(float(length.max(initial=0.0)), 1e-9)
-    magnify = max([m for m in _MAGNIFY if m * largest < _ARROW * height], default=1)
+    # Factors by which a sheet may magnify motion, and its longest arrow over the picture's height.
+    factors, longest = (1, 2, 5, 10, 20, 50), 0.12
+    magnify = max([m for m in factors if m * largest < longest * height], default=1)
     axis.imshow(picture)
     axis.quiver(
         *start.T, *moved.T, color="#0072b2", angles="xy", scale_units="xy", scale=1.0 / magnify,

@@ -31,12 +31,6 @@ Likeness = Literal["same", "rounded", "other pictures", "other labels"]
 OLDER = {"benchmark-v1": "benchmark-v2"}
 #: Decimals of labels in the digest [px, mm, N and so on].
 _DECIMALS = 3
-#: Number of pixels and of labels in the sample.
-_PIXELS, _LABELS = 400, 200
-#: Share of sampled pixels that rounding may change, by one level.
-_ROUNDED = 0.02
-#: Largest change of a sampled label by rounding.
-_LABEL = 2e-3
 
 
 class Content(msgspec.Struct, frozen=True):
@@ -75,9 +69,11 @@ class Frozen:
             return "same"
         levels = [np.frombuffer(bytes.fromhex(one.pixels), np.uint8) for one in (recorded, found)]
         off = abs(np.subtract(*levels, dtype=int))
-        if off.max() > 1 or off.mean() > _ROUNDED:
+        rounded = 0.02  # share of sampled pixels that rounding may change, by one level
+        if off.max() > 1 or off.mean() > rounded:
             return "other pictures"
-        near = np.allclose(recorded.values, found.values, rtol=0.0, atol=_LABEL)
+        label = 2e-3  # largest change of a sampled label by rounding
+        near = np.allclose(recorded.values, found.values, rtol=0.0, atol=label)
         return "rounded" if near else "other labels"
 
 
@@ -113,11 +109,13 @@ def content_of(folder: Path) -> Content:
     numbers = [values.ravel() for _, values in columns if values.dtype.kind == "f"]
     known = np.concatenate(numbers).astype(float)
     known = known[np.isfinite(known)]
+    pixel_count = 400  # number of pixels in the sample
+    label_count = 200  # number of labels in the sample
     return Content(
         pictures=_digest([repr(levels.shape).encode(), levels.tobytes()]),
         labels=_digest(part for name, own in columns for part in _bytes(name, own)),
-        pixels=_sampled(levels.ravel(), _PIXELS).tobytes().hex(),
-        values=np.round(_sampled(known, _LABELS), _DECIMALS + 1).tolist(),
+        pixels=_sampled(levels.ravel(), pixel_count).tobytes().hex(),
+        values=np.round(_sampled(known, label_count), _DECIMALS + 1).tolist(),
     )
 
 

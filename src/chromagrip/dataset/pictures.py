@@ -35,7 +35,9 @@ from .recipe import Store
 
 Image = NDArray[np.uint8]
 #: Names of the pictures of the unloaded sensor, and what the noise of a sequence is made from.
-REST, CLEAN, NOISE = "rest.png", "clean.png", "noise.json"
+REST = "rest.png"
+CLEAN = "clean.png"
+NOISE = "noise.json"
 #: Starts of the names of the frames' pictures, by how they are kept.
 FRAME: dict[Store, str] = {"noisy": "frame", "clean": "change"}
 

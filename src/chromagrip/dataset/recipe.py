@@ -48,14 +48,8 @@ CASE = "case"
 #: Keys that no scene has: the case, kind of motion, grip [N], the load over µ·grip of a grasp and
 #: of a slip, and the pose of a move.
 OWN = (CASE, "motion", "grip_n", "share", "slip_share", *POSE)
-#: Start and end of the growth of the load, as shares of a sequence's duration.
-_GROWS: dict[str, tuple[float, float]] = {"grasp": (0.25, 0.6), "slip": (0.25, 0.9)}
 
 
-#: Ends of the names of files of meshes.
-MESHES = (".stl", ".obj", ".ply", ".off", ".glb")
-#: Defects that change a picture after its noise, so that the noise cannot be added again.
-AFTER_NOISE = ("defects.jpeg_quality", "defects.h264_crf")
 #: Values of TOML tables: those of a scene, or drawn ones by key of a scene or in OWN.
 Values = dict[str, Any]
 #: Table with tables of a scene and draws.
@@ -188,9 +182,10 @@ def with_meshes(recipe: Recipe, folder: Path) -> Recipe:
     """
     if set(bodies_of(recipe)) != {"dome"}:
         raise UserError('meshes are for a recipe with scene.body = "dome"')
-    found = sorted(str(p.absolute()) for p in folder.glob("*") if p.suffix.lower() in MESHES)
+    ends = (".stl", ".obj", ".ply", ".off", ".glb")  # ends of the names of files of meshes
+    found = sorted(str(p.absolute()) for p in folder.glob("*") if p.suffix.lower() in ends)
     if not found:
-        raise UserError(f"folder {folder} has no mesh: no file that ends in {', '.join(MESHES)}")
+        raise UserError(f"folder {folder} has no mesh: no file that ends in {', '.join(ends)}")
     return replace(recipe, draw={**recipe.draw, "object.mesh": {"choice": found}})
 
 
@@ -256,9 +251,11 @@ def scene_of(recipe: Recipe, number: int, values: Values) -> Scene:
     largest = plain.object.friction * grip
     times: list[float] = []
     forces: list[float] = []
-    if motion in _GROWS:
+    # Start and end of the growth of the load, as shares of a sequence's duration.
+    grows = {"grasp": (0.25, 0.6), "slip": (0.25, 0.9)}
+    if motion in grows:
         share = float(values.get("slip_share", 1.2) if motion == "slip" else values["share"])
-        times = [plain.duration_s * part for part in _GROWS[motion]]
+        times = [plain.duration_s * part for part in grows[motion]]
         forces = [0.0, share * largest]
     tables["load"] = {"times_s": times, "forces_n": forces, "interpolation": "linear"}
     return parse_scene(tables, name)
@@ -349,7 +346,9 @@ def check_asked(recipe: Recipe) -> None:
 def _check_clean(case: Recipe) -> None:
     """Refuse the store `clean` if a defect changes pictures after their noise."""
     tables = {key: [value] for key, value in dotted(case.scene).items()}
-    for key in AFTER_NOISE:
+    # Defects that change a picture after its noise, so that the noise cannot be added again.
+    after_noise = ("defects.jpeg_quality", "defects.h264_crf")
+    for key in after_noise:
         if any([*tables.get(key, []), *ends(case.draw.get(key, {"choice": []}))]):
             raise UserError(
                 f'store = "clean" keeps pictures without noise, but {key} compresses them with it: '

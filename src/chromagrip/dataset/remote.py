@@ -34,8 +34,6 @@ from .folder import (
 
 #: File of the parts of a dataset, which its manifest does not list.
 SPLIT = "split.json"
-#: Time between two copies of what is new [s].
-_EVERY = 3.0
 
 
 def is_address(place: Place) -> bool:
@@ -145,7 +143,8 @@ class Sender:
 
     def send(self) -> None:
         """Copy new sequences, at most once in a few seconds."""
-        if time.monotonic() < self._last + _EVERY:
+        every = 3.0  # time between two copies [s]
+        if time.monotonic() < self._last + every:
             return
         with _blaming(self._address):
             fs, root = _opened(self._address)

@@ -17,9 +17,6 @@ from .read import load_sequence
 from .remote import fetched
 from .split import names_of
 
-#: Labels of a frame that are words, by the numbers that take their place.
-_WORDS = "slip_state"
-
 
 class Frames:
     """Pictures of a dataset with their labels; a map-style dataset for a `DataLoader`.
@@ -121,7 +118,8 @@ def _picture(image: NDArray[np.uint8]) -> Any:
 
 def _numbers(values: NDArray[Any], label: str) -> NDArray[Any]:
     """Labels as numbers: float32, or bool."""
-    if label == _WORDS:
+    words = "slip_state"  # labels of a frame that are words, by the numbers that take their place
+    if label == words:
         return np.array([STATES.index(word) for word in values])
     if values.dtype == object:
         raise UserError(f"label {label!r} is words; only numbers can be stacked")

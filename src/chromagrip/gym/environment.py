@@ -38,10 +38,6 @@ from .window import Window
 
 #: Reward lost by sliding until a drop.
 DROP_COST = 50.0
-#: Slowest motion of the whole contact that counts as sliding [m/s].
-SLIDING = 0.1e-3
-#: Width and height of the picture of two fingers [px].
-SIZE = (640, 480)
 
 Observation = NDArray[np.generic]
 Action = NDArray[np.float32]
@@ -192,7 +188,8 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         status = self._status()
         slid = status.slid - before
         self._touched |= status.touched
-        held_now = status.touched and slid < SLIDING * self._rig.scene.period
+        sliding = 0.1e-3  # slowest motion of the whole contact that counts as sliding [m/s]
+        held_now = status.touched and slid < sliding * self._rig.scene.period
         reward = held_now * (1.0 - self._rig.applied / self._most)
         reward -= DROP_COST * slid / self._dropped
         if status.unpaid or gave_up:
@@ -311,7 +308,8 @@ class GripEnv(gymnasium.Env[Observation, Action]):
     def _side_picture(self) -> Image:
         rig = self._rig
         if self._stage is None:
-            self._stage = set_stage(build_pinch(rig.scene), rig.scene.duration_s, SIZE, SIZE)
+            size = (640, 480)  # width and height of the picture [px]
+            self._stage = set_stage(build_pinch(rig.scene), rig.scene.duration_s, size, size)
         return draw_side(self._stage, rig.truth)
 
     def _show(self) -> None:

@@ -9,9 +9,6 @@ from ..loop.rig import Rig
 from ..model.pinch import Outcome
 from ..scene.scene import Scene
 
-#: Default sliding that counts as a drop with one finger [mm].
-DROPPED_MM = 1.0
-
 
 @dataclass(frozen=True, kw_only=True)
 class GripStatus:
@@ -95,7 +92,7 @@ def limit_of(scene: Scene, dropped_mm: float | None) -> float:
     Parameters
     ----------
     scene: scene that is gripped
-    dropped_mm: given limit [mm]; None: `DROPPED_MM`, or the scene's with two fingers
+    dropped_mm: given limit [mm]; None: 1, or the scene's with two fingers
 
     Raises
     ------
@@ -106,7 +103,7 @@ def limit_of(scene: Scene, dropped_mm: float | None) -> float:
 
 
 def _limit_of_one(scene: Scene, dropped_mm: float | None) -> float:
-    return dropped_mm or DROPPED_MM
+    return dropped_mm or 1.0
 
 
 def _limit_of_two(scene: Scene, dropped_mm: float | None) -> float:

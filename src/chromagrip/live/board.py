@@ -14,10 +14,6 @@ from .view import OBJECT, PRESSED, SKIN, SLIPS, STICKS
 if TYPE_CHECKING:
     import viser
 
-#: Times between two pictures of the page, and between two drawings of its curves [s].
-EVERY, CURVES_EVERY = 1.0 / 30.0, 1.0 / 10.0
-#: Speed below which the page says that the machine is too slow.
-_SLOW = 0.98
 #: Colours of the view and of the picture, each with its meaning.
 _LEGEND = (
     ("beige", tuple(SKIN), "skin"),
@@ -27,8 +23,6 @@ _LEGEND = (
     ("green", MOTION, "motion of a marker × 4, in the picture"),
 )
 _OBJECT = ("grey-green", OBJECT, "object")
-#: Characters that begin HTML, a link or a picture, which viser would read from a file.
-_PLAIN = str.maketrans({c: f"&#{ord(c)};" for c in "&<>[`\\"})
 
 
 class Board:
@@ -61,7 +55,8 @@ class Board:
         now = time.perf_counter()
         if now < self._due and not at_once:
             return False
-        self._due = now + EVERY
+        every = 1.0 / 30.0  # time between two pictures of the page [s]
+        self._due = now + every
         return True
 
     def show(self, picture: Image, lines: Sequence[str], at_once: bool = False) -> None:
@@ -69,8 +64,9 @@ class Board:
         self._picture.image = picture
         self.say(lines)
         now = time.perf_counter()
+        curves_every = 1.0 / 10.0  # time between two drawings of its curves [s]
         if self.strips is not None and (at_once or now >= self._curves_due):
-            self._curves_due = now + CURVES_EVERY
+            self._curves_due = now + curves_every
             self.strips.draw()
 
     def add(self, row: Row) -> None:
@@ -80,7 +76,9 @@ class Board:
 
     def say(self, lines: Sequence[str]) -> None:
         """Show the state in lines of Markdown, in which only ** is markup."""
-        self._status.content = "<br/>".join(line.translate(_PLAIN) for line in lines)
+        # Characters that begin HTML, a link or a picture, which viser would read from a file.
+        plain = str.maketrans({c: f"&#{ord(c)};" for c in "&<>[`\\"})
+        self._status.content = "<br/>".join(line.translate(plain) for line in lines)
 
 
 def legend_text(truth: bool) -> str:
@@ -102,7 +100,8 @@ def line_of_speed(seconds: float, updates: float, speed: float) -> str:
     """Time and updates per second, with a notice if the machine is behind."""
     line = f"**t = {seconds:.2f} s**, {updates:.0f} updates/s"
     behind = f": this machine is behind, at {speed:.2f} × real time"
-    return line + (behind if speed < _SLOW else "")
+    slow = 0.98  # speed below which the page says that the machine is too slow
+    return line + (behind if speed < slow else "")
 
 
 def line_of_truth(sample: Sample) -> str:

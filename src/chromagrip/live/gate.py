@@ -27,15 +27,8 @@ if TYPE_CHECKING:
 
 #: Largest accepted file [bytes]; files that arrive at the same time share it.
 LARGEST_FILE = 20_000_000
-#: Largest message [bytes]; the browser cuts files into parts of half of that.
-_LARGEST_MESSAGE = 2**20
-#: Largest number of files that arrive at a time, and of parts of one; the largest needs 39.
-_MOST_FILES = 8
-_MOST_PARTS = 1000
 #: Pause after each message of a browser, so that no flood of them fills the memory [s].
 _PAUSE = 0.001
-#: Error of a number that the browser rounded for its display.
-_ROUNDED = 1e-6
 
 _Text = Annotated[str, Meta(max_length=255)]
 _Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
@@ -154,9 +147,11 @@ class Inbox:
         if not isinstance(control, viser.GuiUploadButtonHandle) or name in self._files:
             return []
         size = start.size_bytes + sum(one.size_bytes for one, _ in self._files.values())
-        if not start.size_bytes or size > LARGEST_FILE or len(self._files) == _MOST_FILES:
+        most_files = 8  # largest number of files that arrive at a time
+        if not start.size_bytes or size > LARGEST_FILE or len(self._files) == most_files:
             return [_renamed(start, 0)]
-        if 0 < start.part_count <= _MOST_PARTS:
+        most_parts = 1000  # the largest file needs 39
+        if 0 < start.part_count <= most_parts:
             self._files[name] = start, {}
         return []
 
@@ -203,9 +198,10 @@ def allowed(control: Any, value: Any) -> Any:
     if isinstance(control, viser.GuiDropdownHandle | viser.GuiButtonGroupHandle):
         return value if isinstance(value, str) and value in control.options else None
     number = isinstance(value, int | float) and not isinstance(value, bool)
+    rounded = 1e-6  # error of a number that the browser rounded for its display
     if isinstance(control, viser.GuiSliderHandle) and number:
         low, high = control.min, control.max
-        if not (math.isfinite(value) and low - _ROUNDED <= value <= high + _ROUNDED):
+        if not (math.isfinite(value) and low - rounded <= value <= high + rounded):
             return None
         whole = isinstance(control.value, int)
         if whole and value != round(value):
@@ -313,6 +309,9 @@ def guarded(gate: Gate) -> Iterator[Inbox]:
     silent.propagate = False
     silent.addHandler(logging.NullHandler())
 
+    # Largest message [bytes]; the browser cuts files into parts of half of that.
+    largest_message = 2**20
+
     def serve(met: Any, *words: Any, process_request: Callable[..., Any], **options: Any) -> Any:
         def asked(connection: Any, request: Any) -> Any:
             why = gate.refusal(request.path, request.headers)
@@ -335,7 +334,7 @@ def guarded(gate: Gate) -> Iterator[Inbox]:
                 inbox.leave(checked.name)
 
         used.append(True)
-        options |= {"max_size": _LARGEST_MESSAGE, "logger": silent}
+        options |= {"max_size": largest_message, "logger": silent}
         return usual(read, *words, process_request=asked, **options)
 
     kind.serve = serve  # type: ignore[assignment, misc]

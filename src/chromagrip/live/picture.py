@@ -15,13 +15,11 @@ Image = NDArray[np.uint8]
 WIDTH = 420
 #: Colour of the markers' motion, RGB.
 MOTION = (0, 130, 60)
-_GREY = 128
-_QUALITY = 85
 
 
 def blank_picture() -> Image:
     """Grey picture in place of a missing one, RGB."""
-    return np.full((WIDTH, WIDTH, 3), _GREY, np.uint8)
+    return np.full((WIDTH, WIDTH, 3), 128, np.uint8)
 
 
 def picture_of(image: Image | None, tracks: Tracks | None, rest: Tracks | None) -> Image:
@@ -47,7 +45,7 @@ def resized(image: Image, width: int) -> Image:
 
 def packed(image: Image) -> bytes:
     """Compress a picture as JPEG."""
-    return cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    return cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
 
 
 def unpacked(data: bytes | Sequence[int]) -> Image:

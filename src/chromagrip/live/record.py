@@ -21,16 +21,8 @@ from ..scene.scene import Scene
 from ..scene.settings import LoadSettings
 from .sliders import SliderValues
 
-#: Table of the sliders' values in the folder of a recording.
-SLIDERS = "sliders.csv"
 #: Key of the summary for the time of the grasp at which the recording began [s].
 FROM = "recorded_live_from_s"
-#: Shortest recording that is kept [s].
-SHORTEST = 0.2
-_SAID = (
-    "A live grasp from {0:.3f} s on, with its sliders' loads and friction as steps; a run of this "
-    "scene begins with a fresh grip and gives other values. See sliders.csv."
-)
 
 
 @dataclass
@@ -118,13 +110,19 @@ class _Recording:
         """Write the files and give them their names; returns a sentence about it."""
         times = self._record.trace["time_s"]
         length = float(times[-1])
-        if length < SHORTEST or self._scenes[-1][1].camera.latency_frames >= len(times):
+        shortest = 0.2  # shortest recording that is kept [s]
+        if length < shortest or self._scenes[-1][1].camera.latency_frames >= len(times):
             self.discard()
             return f"**not recorded:** a recording of {length:.2f} s is too short"
         scene = as_run(self._scenes, length, self._mesh)
+        said = (
+            f"A live grasp from {self._begin:.3f} s on, with its sliders' loads and friction as "
+            "steps; a run of this scene begins with a fresh grip and gives other values. See "
+            "sliders.csv."
+        )
         with self._files, disk_errors(self.folder):
-            _write_sliders(self.folder / PARTS / SLIDERS, self._sliders)
-            self._record.finish(scene, _SAID.format(self._begin), **{FROM: self._begin})
+            _write_sliders(self.folder / PARTS / "sliders.csv", self._sliders)
+            self._record.finish(scene, said, **{FROM: self._begin})
         return f"recorded {length:.2f} s in {self.folder}"
 
     def discard(self) -> None:

@@ -29,8 +29,6 @@ from .worker import Background
 
 #: Largest number of frames kept of a run; of a longer run every second, third … frame is kept.
 MOST = 1500
-#: Width of the pictures of a video, which have two halves [px].
-_WIDE = 840
 #: Columns by which a repetition is compared, with their names in words and the largest differences
 #: that count as equal: another processor rounds differently.
 _COMPARED = {
@@ -167,6 +165,7 @@ def _video(run: RunRead) -> Iterator[Kept]:
         return
     source = open_source(str(run.video))
     every = max(1, math.ceil((source.count or 1) / MOST))
+    wide = 840  # width of the pictures of a video, which have two halves [px]
     for index, frame in enumerate(source.frames()):
         if index % every == 0:
-            yield Kept(time=frame.time / SLOWDOWN, picture=packed(resized(frame.image, _WIDE)))
+            yield Kept(time=frame.time / SLOWDOWN, picture=packed(resized(frame.image, wide)))

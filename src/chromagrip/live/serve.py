@@ -24,9 +24,6 @@ from .session import Session
 if TYPE_CHECKING:
     import viser
 
-#: Longest wait for the server's threads to end [s].
-_LAST = 3.0
-
 
 def token_for(given: str | None = None) -> str:
     """Token of a page: the given one, or a new one.
@@ -106,12 +103,13 @@ def serving(address: Address) -> "Iterator[viser.ViserServer]":
         )
     inbox.server = server
     own = set(threading.enumerate()) - before
+    longest_wait = 3.0  # longest wait for the server's threads to end [s]
     try:
         yield server
     finally:
         with redirect_stdout(io.StringIO()):
             server.stop()
-            end = time.monotonic() + _LAST
+            end = time.monotonic() + longest_wait
             for thread in own:  # they close the connections
                 thread.join(max(0.0, end - time.monotonic()))
 

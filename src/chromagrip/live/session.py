@@ -18,11 +18,6 @@ from .record import Recorder
 from .sliders import SliderValues, scene_for, slider_values
 from .worker import Background
 
-#: Time over which the speed is averaged [s].
-_SPEED_OVER = 1.0
-#: Interval at which a paused grasp checks for changes [s].
-_NAP = 0.02
-
 
 @dataclass(frozen=True, kw_only=True)
 class Shown:
@@ -54,6 +49,9 @@ class Session(Background):
     recorder: recorder of the grasp
     paused: whether the grasp is paused
     """
+
+    #: Interval at which a paused grasp checks for changes [s].
+    _nap = 0.02
 
     base: Scene
     show: Callable[[Shown], None]
@@ -94,7 +92,7 @@ class Session(Background):
             while not self._stop.is_set():
                 sliders = self._sliders
                 if sliders == refused:
-                    self._stop.wait(_NAP)
+                    self._stop.wait(self._nap)
                     continue
                 try:
                     self._grasp(sliders)
@@ -126,7 +124,7 @@ class Session(Background):
                 if self._waits():
                     if not self.recorder.wanted:
                         self.recorder.finish()
-                    self._stop.wait(_NAP)
+                    self._stop.wait(self._nap)
                     ends.clear()
                     continue
                 if now != sliders:
@@ -165,5 +163,6 @@ class Session(Background):
         if ends and now < ends[-1] + period:
             self._stop.wait(ends[-1] + period - now)
         ends.append(time.perf_counter())
-        while len(ends) > 2 and ends[-1] - ends[0] > _SPEED_OVER:
+        speed_over = 1.0  # time over which the speed is averaged [s]
+        while len(ends) > 2 and ends[-1] - ends[0] > speed_over:
             ends.popleft()

@@ -13,10 +13,6 @@ from ..scene.scene import Body, Scene
 from ..scene.settings import LoadSettings
 from ..strict_toml import Kind, Values, convert
 
-#: Length of a live grasp [s].
-LONGEST = 3600.0
-#: A load that is negligible, but keeps an axis of the object free.
-_NEGLIGIBLE = 1e-9
 #: Objects by their name on the page: changes to the scene's object.
 OBJECTS: dict[str, dict[str, object]] = {
     "ball of 15 mm": {"shape": "ball", "radius_mm": 15.0, "size_mm": ()},
@@ -118,9 +114,10 @@ def scene_for(base: Scene, sliders: SliderValues) -> Scene:
     fixed |= {"friction_times_s": (), "frictions": (), "creeps": 0.0}
     fixed |= {"friction": sliders.friction, "stiffness_kpa": sliders.stiffness}
     camera = {"noise_levels": sliders.noise, "latency_frames": sliders.latency}
+    longest = 3600.0  # length of a live grasp [s]
     return msgspec.structs.replace(
         base,
-        duration_s=LONGEST,
+        duration_s=longest,
         controller=sliders.controller,
         sensor=sliders.sensor,
         load=convert(load, LoadSettings, "load"),
@@ -137,10 +134,11 @@ def _of_chain(base: Scene, sliders: SliderValues) -> tuple[Values, Values]:
 def _of_dome(base: Scene, sliders: SliderValues) -> tuple[Values, Values]:
     """Load and object of a dome: in any direction, twisted, and of any shape."""
     azimuth = math.radians(sliders.azimuth)
+    negligible = 1e-9  # a load that is negligible, but keeps an axis of the object free
     load: Values = {
         "forces_n": (sliders.load * math.cos(azimuth),),
-        "sideways_n": (sliders.load * math.sin(azimuth) + _NEGLIGIBLE,),
-        "twists_nmm": (sliders.twist + _NEGLIGIBLE,),
+        "sideways_n": (sliders.load * math.sin(azimuth) + negligible,),
+        "twists_nmm": (sliders.twist + negligible,),
     }
     turned = (base.object.turned_deg[0], sliders.tilt, base.object.turned_deg[2])
     return load, {**_shape_of(sliders.object), "turned_deg": turned}

@@ -15,17 +15,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Faces = NDArray[np.uint32]
 
-#: Side and thickness of the drawn piece of a plane [m].
-_PLANE, _THICKNESS = 0.024, 0.0005
-#: Rings of a half sphere.
-_RINGS = 16
-
 
 def object_mesh(settings: ObjectSettings) -> "trimesh.Trimesh":
     """Surface of an object about its origin [m]; of a file, about the middle of its box."""
     import trimesh
 
     size = [1e-3 * length for length in settings.size_mm]
+    side = 0.024  # side and thickness of the drawn piece of a plane [m]
+    thickness = 0.0005
     if settings.mesh:
         made = trimesh.load(settings.mesh, force="mesh")
         made.apply_scale(1e-3 * settings.mesh_unit_mm)
@@ -41,8 +38,8 @@ def object_mesh(settings: ObjectSettings) -> "trimesh.Trimesh":
     elif settings.shape == "cone":
         made = trimesh.creation.cone(radius=size[0], height=size[1])
     elif math.isinf(settings.radius_mm):
-        made = trimesh.creation.box(extents=(_PLANE, _PLANE, _THICKNESS))
-        made.apply_translation((0.0, 0.0, 0.5 * _THICKNESS))
+        made = trimesh.creation.box(extents=(side, side, thickness))
+        made.apply_translation((0.0, 0.0, 0.5 * thickness))
     else:
         made = trimesh.creation.icosphere(subdivisions=4, radius=1e-3 * abs(settings.radius_mm))
     return made
@@ -51,8 +48,9 @@ def object_mesh(settings: ObjectSettings) -> "trimesh.Trimesh":
 def half_sphere(radius: float) -> Array:
     """Points of a half sphere about its centre, ring after ring [m], (N, 3)."""
     points = [np.array([[0.0, 0.0, 1.0]])]
-    for ring in range(1, _RINGS + 1):
-        angle, around = 0.5 * math.pi * ring / _RINGS, np.arange(6 * ring) * math.pi / (3 * ring)
+    rings = 16  # rings of a half sphere
+    for ring in range(1, rings + 1):
+        angle, around = 0.5 * math.pi * ring / rings, np.arange(6 * ring) * math.pi / (3 * ring)
         points.append(
             np.stack(
                 [

@@ -13,12 +13,10 @@ from ..loop.sample import Sample
 if TYPE_CHECKING:
     import viser
 
-#: Length of the curves [s], and largest number of frames on them.
-SECONDS, FRAMES = 10.0, 2000
-#: Colours as in the figures: true, estimated, and its interval.
-_TRUE, _ESTIMATED, _INTERVAL = "#0072b2", "#d55e00", "rgba(213, 94, 0, 0.2)"
 #: Values of a frame, by the names of a trace's columns.
 Row = dict[str, float]
+#: Largest number of frames on the curves.
+FRAMES = 2000
 _GRIP = ", grip thin"
 #: Title of each plot, its range of values, and the columns of its curves.
 _PLOTS: tuple[tuple[str, tuple[float, float] | None, tuple[str, ...]], ...] = (
@@ -51,11 +49,13 @@ COLUMNS = ("time_s", *(name for _, _, names in _PLOTS for name in names))
 def _look(name: str) -> dict[str, Any]:
     """Stroke of a column's curve."""
     if name.endswith(("_low", "_high")):
-        return {"stroke": _INTERVAL, "width": 1}
+        return {"stroke": "rgba(213, 94, 0, 0.2)", "width": 1}
     if name == "applied_n":
         return {"stroke": "#7a7a7a", "width": 1}
     true = "_true" in name
-    look: dict[str, Any] = {"stroke": _TRUE if true else _ESTIMATED, "width": 2}
+    blue = "#0072b2"  # colours as in the figures: true and estimated
+    orange = "#d55e00"
+    look: dict[str, Any] = {"stroke": blue if true else orange, "width": 2}
     if name.startswith("friction"):
         return look | {"dash": (2, 2)}
     return look if true else look | {"dash": (6, 3)}
@@ -83,7 +83,7 @@ class Strips:
                 series=({"label": "s"}, *series),
                 title=title if truth else title.replace("true solid, ", "").replace(_GRIP, ""),
                 scales={"x": {"time": False}, **({} if span is None else {"y": {"range": span}})},
-                bands=({"series": (2, 1), "fill": _INTERVAL},) if banded else None,
+                bands=({"series": (2, 1), "fill": "rgba(213, 94, 0, 0.2)"},) if banded else None,
                 legend={"show": False},
                 aspect=2.2,
             )
@@ -102,7 +102,8 @@ class Strips:
     def draw(self) -> None:
         """Send the curves to the page."""
         rows = list(self._rows)
-        rows = [row for row in rows if row["time_s"] > rows[-1]["time_s"] - SECONDS]
+        seconds = 10.0  # length of the curves
+        rows = [row for row in rows if row["time_s"] > rows[-1]["time_s"] - seconds]
         if len(rows) < 2:
             return
         for handle, names in self._plots:

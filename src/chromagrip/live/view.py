@@ -23,18 +23,13 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float32]
 
-#: Units of the view in a metre: it shows centimetres.
-UNIT = 100.0
-#: Length of the longest arrow [cm], and share of it below which arrows are omitted.
-LONGEST, _LEAST = 0.5, 0.04
-#: Height of the arrows above the dots, so that these do not hide them [cm].
-_ABOVE = np.array([0.0, 0.0, 0.03], np.float32)
 #: Colours of the skin, of the most pressed skin and of the object, RGB.
-SKIN, PRESSED, OBJECT = np.array([226, 212, 186]), np.array([20, 90, 190]), (70, 125, 95)
+SKIN = np.array([226, 212, 186])
+PRESSED = np.array([20, 90, 190])
+OBJECT = (70, 125, 95)
 #: Colours of friction where skin sticks and slips, RGB.
-STICKS, SLIPS = (20, 20, 20), (213, 94, 0)
-#: Distance between the rows of a chain's arrows, only for display [m].
-BESIDE = 4e-4
+STICKS = (20, 20, 20)
+SLIPS = (213, 94, 0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +64,9 @@ class FingertipView:
     server: server of the page
     """
 
+    #: Units of the view in a metre: it shows centimetres.
+    _unit = 100.0
+
     def __init__(self, server: "viser.ViserServer") -> None:
         self._server = server
         self._handles: tuple[Any, ...] = ()
@@ -87,11 +85,11 @@ class FingertipView:
         scene = self._server.scene
         self._rest = points
         self._skin = scene.add_mesh_simple(
-            "/skin", UNIT * points, skin_faces(points), color=tuple(SKIN), side="double",
+            "/skin", self._unit * points, skin_faces(points), color=tuple(SKIN), side="double",
             opacity=0.6 if mesh is None else 0.9,  # an estimate's contact lies below skin at rest
         )  # fmt: skip
         self._dots = scene.add_point_cloud(
-            "/pressure", UNIT * points[:1], SKIN[None], point_size=0.04, point_shape="circle"
+            "/pressure", self._unit * points[:1], SKIN[None], point_size=0.04, point_shape="circle"
         )
         self._arrows = scene.add_arrows(
             "/friction", np.zeros((1, 2, 3)), np.array(STICKS), shaft_radius=0.006,
@@ -102,8 +100,8 @@ class FingertipView:
         if mesh is not None:
             # Only its far side, transparent, so that the contact is visible.
             self._object = scene.add_mesh_simple(
-                "/object", UNIT * np.asarray(mesh.vertices), np.asarray(mesh.faces, np.uint32),
-                color=OBJECT, opacity=0.4, side="back",
+                "/object", self._unit * np.asarray(mesh.vertices),
+                np.asarray(mesh.faces, np.uint32), color=OBJECT, opacity=0.4, side="back",
             )  # fmt: skip
             self._handles += (self._object,)
 
@@ -111,10 +109,10 @@ class FingertipView:
         """Draw a frame."""
         with self._server.atomic():
             if drawn.skin is not None:
-                self._skin.vertices = UNIT * drawn.skin
+                self._skin.vertices = self._unit * drawn.skin
             if self._object is not None and drawn.place is not None:
                 x, y, z = drawn.place
-                self._object.position = (UNIT * x, UNIT * y, UNIT * z)
+                self._object.position = (self._unit * x, self._unit * y, self._unit * z)
                 self._object.wxyz = drawn.turn
             self._show_pressure(drawn)
             self._show_arrows(drawn)
@@ -126,16 +124,20 @@ class FingertipView:
             position, normal = self._rest[:1].astype(np.float32), np.zeros(1, np.float32)
         share = normal / max(float(normal.max()), 1e-9)
         colours = SKIN + share[:, None] * (PRESSED - SKIN)
-        self._dots.points = UNIT * position
+        self._dots.points = self._unit * position
         self._dots.colors = colours.astype(np.uint8)
 
     def _show_arrows(self, drawn: Drawn) -> None:
         """Draw the friction of each node, to one scale, which shrinks for larger forces."""
         size = np.linalg.norm(drawn.force, axis=1)
         self._largest = max(self._largest, float(size.max(initial=0.0)))
-        kept = size > _LEAST * self._largest
-        start, slips = UNIT * drawn.start[kept] + _ABOVE, drawn.slips[kept]
-        way = LONGEST / self._largest * drawn.force[kept]
+        least = 0.04  # share of the longest below which arrows are omitted
+        kept = size > least * self._largest
+        # Height of the arrows above the dots, so that these do not hide them [cm].
+        above = np.array([0.0, 0.0, 0.03], np.float32)
+        start, slips = self._unit * drawn.start[kept] + above, drawn.slips[kept]
+        longest = 0.5  # length of the longest arrow [cm]
+        way = longest / self._largest * drawn.force[kept]
         if not len(start):  # viser refuses an empty list: draw one too small to be visible
             start, way = np.full((1, 3), -1.0, np.float32), np.full((1, 3), 1e-4, np.float32)
             slips = np.zeros(1, bool)
@@ -212,10 +214,11 @@ def drawn_forces(field: ForceField, mu: float, **more: Any) -> Drawn:
     position, friction, size = in_space(field)
     pressed = field.contact & (field.normal > 0.0)
     arrows, start = np.flatnonzero(field.contact), position
+    beside = 4e-4  # distance between the rows of a chain's arrows, only for display [m]
     if field.directions is None:  # in one line the arrows would hide each other
         arrows = arrows[::3]
         start = position.copy()
-        start[arrows, 1] = BESIDE * (np.arange(len(arrows)) % 3 - 1)
+        start[arrows, 1] = beside * (np.arange(len(arrows)) % 3 - 1)
     return Drawn(
         pressed=_small(position[pressed]),
         normal=_small(field.normal[pressed]),

@@ -36,11 +36,8 @@ from .worker import Background
 if TYPE_CHECKING:
     import viser
 
-#: Time in which the next frame must come [s].
-_FRAME_WITHIN = 10.0
 #: Longest wait for a watcher to end, so that one that waits for a camera does not block [s].
 _LAST = 2.0
-_NAP = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +119,8 @@ class Watcher(Background):
     paused: whether it is paused
     """
 
+    _nap = 0.02
+
     looking: Looking
     first: Opened
     show: Callable[[Looked], None]
@@ -151,17 +150,18 @@ class Watcher(Background):
                 except UserError as error:
                     self.tell(f"**{error};** restart tries it again")
                 opened = None
-                while not (self._stop.wait(_NAP) or self._restart.is_set()):
+                while not (self._stop.wait(self._nap) or self._restart.is_set()):
                     pass
 
     def _look(self, opened: Opened) -> None:
         """Read frames of the source until it ends or must start again."""
         source = replace(opened.source, frames=lambda: opened.frames)
         ends: deque[tuple[float, float]] = deque(maxlen=30)
-        with closing(Feed(source, _FRAME_WITHIN)) as feed:
+        frame_within = 10.0  # time in which the next frame must come [s]
+        with closing(Feed(source, frame_within)) as feed:
             while not (self._stop.is_set() or self._restart.is_set()):
                 if self.paused and not self._steps:
-                    self._stop.wait(_NAP)
+                    self._stop.wait(self._nap)
                     ends.clear()
                     continue
                 self._steps = max(0, self._steps - 1)

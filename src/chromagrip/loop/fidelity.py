@@ -15,23 +15,6 @@ from ..scene.dome import DomeSettings
 from ..scene.scene import Body, Scene
 from ..strict_toml import Values
 
-#: The expected error is the largest of this many measured situations that are nearest to a scene …
-LIKE = 3
-#: … times this factor of safety.
-SAFETY_FACTOR = 1.25
-#: Differences between situations that count as one unit of distance: of µ …
-FRICTION_UNIT = 0.2
-#: … of the logarithm of stiffness …
-STIFFNESS_UNIT = 1.2
-#: … of the logarithm of curvature, to which 20 /m are added [1/m] because it may be 0 …
-CURVATURE_UNIT = 0.8
-CURVATURE_OFFSET = 20.0
-#: … of the logarithm of noise, to which half a grey level is added …
-NOISE_UNIT = 0.5
-NOISE_OFFSET = 0.5
-#: … and of the logarithm of the camera's rate.
-RATE_UNIT = 0.7
-
 
 @dataclass(frozen=True, kw_only=True)
 class Fidelity:
@@ -208,8 +191,8 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
             cells_of.setdefault(m.fidelity, []).append(m)
     expected: dict[Fidelity, tuple[float, float]] = {}
     for fidelity, cells in cells_of.items():
-        like = sorted(cells, key=lambda m: _distance(m, scene))[:LIKE]
-        error = SAFETY_FACTOR * max(m.error for m in like)
+        like = sorted(cells, key=lambda m: _distance(m, scene))[:3]
+        error = 1.25 * max(m.error for m in like)  # with a safety factor
         expected[fidelity] = float(np.median([m.milliseconds for m in cells])), error
     if not expected:
         raise UserError(f"no fidelity was measured on the {scene.path} path")
@@ -246,15 +229,20 @@ def _plane(scene: Scene) -> bool:
 def _distance(m: Measured, scene: Scene) -> float:
     """Distance between a measured situation and a scene."""
     obj, camera = scene.object, scene.camera
+    # Differences that count as one unit of distance: of µ, and of logarithms. A curvature [1/m] may
+    # be 0, so that an offset is added.
+    friction_unit, stiffness_unit, rate_unit = 0.2, 1.2, 0.7
+    curvature_unit, curvature_offset = 0.8, 20.0
+    noise_unit, noise_offset = 0.5, 0.5
     differences = [
-        (m.friction - obj.friction) / FRICTION_UNIT,
-        np.log(m.stiffness_kpa / obj.stiffness_kpa) / STIFFNESS_UNIT,
+        (m.friction - obj.friction) / friction_unit,
+        np.log(m.stiffness_kpa / obj.stiffness_kpa) / stiffness_unit,
         np.log(
-            (abs(m.curvature) + CURVATURE_OFFSET) / (abs(1e3 / obj.radius_mm) + CURVATURE_OFFSET)
+            (abs(m.curvature) + curvature_offset) / (abs(1e3 / obj.radius_mm) + curvature_offset)
         )
-        / CURVATURE_UNIT,
-        np.log((m.noise + NOISE_OFFSET) / (camera.noise_levels + NOISE_OFFSET)) / NOISE_UNIT,
-        np.log(m.rate_hz / camera.rate_hz) / RATE_UNIT,
+        / curvature_unit,
+        np.log((m.noise + noise_offset) / (camera.noise_levels + noise_offset)) / noise_unit,
+        np.log(m.rate_hz / camera.rate_hz) / rate_unit,
     ]
     return float(np.hypot.reduce(differences))
 

@@ -8,9 +8,6 @@ from ..control import GripObservation
 from ..output.parquet import Row
 from ..tracking import Z90, FrictionRule
 
-#: Names of force and torque of a dome, and their units in columns.
-_WRENCH, _WRENCH_UNITS = ("force_x", "force_y", "force_z", "torque"), ("_n", "_n", "_n", "_nmm")
-
 
 def force_row(observation: GripObservation, rule: FrictionRule) -> Row:
     """Values of an observation and their intervals; None for unknown values."""
@@ -31,9 +28,10 @@ def force_row(observation: GripObservation, rule: FrictionRule) -> Row:
         values.append((name, "_n", total, (max(total - half, 0.0), total + half)))
     deviations = [*observation.force_deviation, 1e3 * observation.torque_deviation]
     wrench = [*observation.force, 1e3 * observation.torque]
-    for name, unit, value, deviation in zip(
-        _WRENCH, _WRENCH_UNITS, wrench, deviations, strict=True
-    ):
+    # Names of force and torque of a dome, and their units in columns.
+    names = ("force_x", "force_y", "force_z", "torque")
+    units = ("_n", "_n", "_n", "_nmm")
+    for name, unit, value, deviation in zip(names, units, wrench, deviations, strict=True):
         values.append((name, unit, value, (value - Z90 * deviation, value + Z90 * deviation)))
     for name, unit, value, (low, high) in values:
         for end, number in (("", value), ("_low", low), ("_high", high)):

@@ -18,9 +18,6 @@ from ..errors import UserError
 from ..output.time_limit import NoAnswerError, TimeLimit
 from ..scene.scene import Scene
 
-#: Number of the random stream of lost and late frames; lower numbers are for defects.
-DELIVERY_STREAM = 20
-
 
 def arrivals(scene: Scene) -> NDArray[np.intp]:
     """Draw for each frame the number of the frame at which it arrives; −1 for a dropped frame.
@@ -28,7 +25,9 @@ def arrivals(scene: Scene) -> NDArray[np.intp]:
     Numbers are drawn from the scene's seed, shape (frames,). The first frame, which starts the
     grip, is never dropped.
     """
-    rng = np.random.default_rng([scene.seed, DELIVERY_STREAM])
+    # Number of the random stream of lost and late frames; lower numbers are for defects.
+    stream = 20
+    rng = np.random.default_rng([scene.seed, stream])
     lost, late = rng.random((scene.frames, 2)).T
     due = np.arange(scene.frames) + scene.camera.latency_frames + (late < scene.camera.late)
     due[1:][lost[1:] < scene.camera.dropped] = -1

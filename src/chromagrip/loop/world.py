@@ -19,9 +19,6 @@ from ..sensing.contact import Contact, chain_contact, follow_chain, of_chain
 Array = NDArray[np.float64]
 Now = TypeVar("Now")
 
-#: Largest relative change of a force in a calm frame period.
-CALM_CHANGE = 0.01
-
 
 @dataclass(frozen=True, kw_only=True)
 class Clock:
@@ -133,7 +130,8 @@ def calm(scene: Scene, world: World[Contact], forces: Array, fastest: float) -> 
     if fastest >= 1e-6 * scene.fingertip.calm_um_per_s:
         return False
     changes = np.ptp(np.vstack([world.forces, forces]), axis=0)
-    return bool((changes <= CALM_CHANGE * abs(forces[-1])).all())
+    calm_change = 0.01  # largest relative change of a force in a calm frame period
+    return bool((changes <= calm_change * abs(forces[-1])).all())
 
 
 def drive_forces(

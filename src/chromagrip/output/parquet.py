@@ -102,8 +102,6 @@ VALUES = {
 }
 #: Rows of tracks that make a row group, about.
 _TRACK_GROUP = 100_000
-#: Rows of estimates that make a row group.
-_ESTIMATE_GROUP = 1000
 
 
 #: Values of a frame by column.
@@ -232,7 +230,8 @@ class EstimateTable(_ParquetFile):
     def add(self, row: Row) -> None:
         """Append a frame's row; None is null."""
         self._rows.append(row)
-        if len(self._rows) == _ESTIMATE_GROUP:
+        group = 1000  # rows of estimates that make a row group
+        if len(self._rows) == group:
             self._flush()
 
     def _flush(self) -> None:

@@ -29,7 +29,8 @@ DEFAULT_FPS = 30.0
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 _LOSSY = (".jpg", ".jpeg")
 _KINDS = "a picture, a folder of pictures, a video file, pipe:FILE or camera:0"
-PNG_BEGIN, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
+PNG_BEGIN = b"\x89PNG"
+PNG_END = b"IEND\xaeB`\x82"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,16 +13,6 @@ from numpy.typing import NDArray
 
 from .png_kernels import deflate_rows, deflate_runs
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-#: Colour types of PNG: of one channel, and of three.
-_GREY, _COLOUR = 0, 2
-#: Header of what zlib reads: a window of 32 kB, fastest.
-_ZLIB = b"\x78\x01"
-#: Bytes that share a code.
-_BLOCK = 1 << 16
-#: The same in a picture with runs.
-_RUN_BLOCK = 1 << 18
-
 
 def encode_png(image: NDArray[np.uint8], runs: bool = False) -> bytes:
     """PNG file of a picture, 8 bits a channel, shape (H, W) or (H, W, 3).
@@ -34,14 +24,17 @@ def encode_png(image: NDArray[np.uint8], runs: bool = False) -> bytes:
     """
     height, width = image.shape[:2]
     rows = np.ascontiguousarray(image).reshape(height, -1)
-    block = max(1, (_RUN_BLOCK if runs else _BLOCK) // (rows.shape[1] + 1))
+    block_size = 1 << 16  # bytes that share a code
+    run_block = 1 << 18  # the same in a picture with runs
+    block = max(1, (run_block if runs else block_size) // (rows.shape[1] + 1))
     # At most 15 bits a byte, and some for each block's code.
     out = np.empty(rows.size // 2 + height + 64 * (height // block + 2), dtype=np.uint32)
     size, adler = (deflate_runs if runs else deflate_rows)(rows, block, out)
-    colour = _GREY if image.ndim == 2 else _COLOUR
+    colour = 0 if image.ndim == 2 else 2  # types of PNG: of one channel, and of three
     header = struct.pack(">IIBBBBB", width, height, 8, colour, 0, 0, 0)
-    packed = b"".join([_ZLIB, out.view(np.uint8)[:size].tobytes(), struct.pack(">I", adler)])
-    parts = [_SIGNATURE]
+    zlib_header = b"\x78\x01"  # of a window of 32 kB, fastest
+    packed = b"".join([zlib_header, out.view(np.uint8)[:size].tobytes(), struct.pack(">I", adler)])
+    parts = [b"\x89PNG\r\n\x1a\n"]
     for kind, data in ((b"IHDR", header), (b"IDAT", packed), (b"IEND", b"")):
         check = crc32(data, crc32(kind))
         parts += [struct.pack(">I", len(data)), kind, data, struct.pack(">I", check)]

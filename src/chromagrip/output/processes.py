@@ -28,9 +28,6 @@ Result = TypeVar("Result")
 #: Called with the number of tasks that are done and the number of all tasks.
 Progress = Callable[[int, int], None]
 
-#: Interval at which a worker checks that the process it works for is alive [s].
-_CHECK_S = 0.5
-
 
 def map_processes(
     function: Callable[[Task], Result],
@@ -193,6 +190,7 @@ def _start_worker(parent: int) -> None:
 
 
 def _end_with(parent: int) -> None:
+    check_s = 0.5  # interval at which a worker checks that the process it works for is alive [s]
     while os.getppid() == parent:
-        time.sleep(_CHECK_S)
+        time.sleep(check_s)
     os._exit(1)

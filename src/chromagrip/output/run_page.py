@@ -21,8 +21,6 @@ Role = Literal["true", "estimated", "commanded", "other"]
 
 #: Instants that a page keeps of a run, at most.
 MOST_INSTANTS = 4000
-#: Significant digits of the values on a page.
-_DIGITS = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,8 +155,9 @@ def _curve(curve: Curve, kept: NDArray[np.intp]) -> dict[str, Any]:
 
 def _rounded(values: Array) -> list[float | None]:
     """Values of a few digits; what is not finite is null, as JSON has no NaN."""
+    digits = 5  # significant digits of the values on a page
     return [
-        float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()
+        float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values.tolist()
     ]
 
 

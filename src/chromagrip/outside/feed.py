@@ -8,9 +8,6 @@ from ..errors import UserError
 from ..output.pictures import Source
 from ..render import Frame
 
-#: Interval at which a waiting feed checks whether it was closed [s].
-_CHECK_S = 0.1
-
 
 class Feed:
     """Frames of a source, read in a thread of their own.
@@ -67,9 +64,10 @@ class Feed:
         self._put(end, last=True)
 
     def _put(self, found: Frame | BaseException | None, last: bool = False) -> None:
+        check_s = 0.1  # interval at which a waiting feed checks whether it was closed [s]
         while not self._closed.is_set():
             try:
-                self._waiting.put(found, timeout=0.0 if self.source.live else _CHECK_S)
+                self._waiting.put(found, timeout=0.0 if self.source.live else check_s)
                 return
             except Full:
                 if self.source.live and not last:

@@ -21,29 +21,6 @@ Array = NDArray[np.float64]
 #: Left, top, right and bottom of a part of a picture [px].
 Box = tuple[int, int, int, int]
 
-#: Smallest and largest size of the sensor in a picture over that in the design's. Smaller ones,
-#: magnified, are smoother than any camera's: forces would be read too low in silence.
-SIZES = (0.9, 2.5)
-#: Largest difference of width and height in that, as a share, of a whole picture.
-_ASPECT = 0.01
-#: A picture of the whole shape is a whole one unless the markers say otherwise by more than this:
-#: a share of the scale, and of the picture's smaller side. A mount shifts a camera by less.
-_WHOLE_SCALE, _WHOLE_SHIFT = 0.03, 0.05
-#: Scales this near to 1 leave the pixels as they are.
-_SAME_SCALE = 0.005
-#: Pictures of a sensor that is not known are reduced if they have more than this [px], by the
-#: largest whole factor that leaves a typical marker this radius, as those of the designs have [px].
-_LARGE, _RADIUS = 2_500_000, 8.0
-#: Rows and columns are even where no channel spreads more [grey levels].
-_PLAIN = 12
-#: They look alike where the darkest pixels, this share of them, differ by less than this
-#: [grey levels] …
-_DARK, _ALIKE = 0.25, 3.0
-#: … from those this far inside, where compression has left nothing of a border [px].
-_INSIDE = 16
-#: Markers are looked for again, in the sensor alone, where it is less than this share of a picture.
-_SMALL_SHARE = 0.5
-
 
 @dataclass(frozen=True, kw_only=True)
 class Fitting:
@@ -146,8 +123,12 @@ def fitting(image: Image, sensor: SensorDesign | None) -> Fitting:
         return Fitting(size=(width, height), box=everything)
     size = (sensor.view.width, sensor.view.height)
     across, down = width / size[0], height / size[1]
-    low, high = SIZES
-    shaped = abs(across / down - 1.0) <= _ASPECT and low <= across <= high
+    # Smallest and largest size of the sensor in a picture over that in the design's. Smaller ones,
+    # magnified, are smoother than any camera's: forces would be read too low in silence.
+    low, high = 0.9, 2.5
+    # Largest difference of width and height in that, as a share, of a whole picture.
+    aspect_error = 0.01
+    shaped = abs(across / down - 1.0) <= aspect_error and low <= across <= high
     as_whole = Fitting(size=size, box=everything, scale=1.0 / across)
     try:
         found = _found(image, sensor)
@@ -165,18 +146,24 @@ def fitting(image: Image, sensor: SensorDesign | None) -> Fitting:
             f"as its camera does in {size[0]}×{size[1]}; allowed: {low:g} to {high:g} times"
         )
     left, top, _, _ = found.taken
-    near = max(abs(left), abs(top)) < _WHOLE_SHIFT * min(width, height)
-    if shaped and near and abs(across / times - 1.0) < _WHOLE_SCALE:
+    # A picture of the whole shape is a whole one unless the markers say otherwise by more than
+    # these shares of the scale, and of the picture's smaller side. A mount shifts a camera by less.
+    whole_scale, whole_shift = 0.03, 0.05
+    near = max(abs(left), abs(top)) < whole_shift * min(width, height)
+    if shaped and near and abs(across / times - 1.0) < whole_scale:
         return as_whole
     return found
 
 
 def _reduction(image: Image) -> int:
     """Whole factor by which a picture of a sensor that is not known is reduced."""
-    if image.shape[0] * image.shape[1] <= _LARGE:
+    # Pictures of a sensor that is not known are reduced if they have more pixels than this, by the
+    # largest whole factor that leaves a typical marker this radius [px], as those of the designs.
+    large, typical_radius = 2_500_000, 8.0
+    if image.shape[0] * image.shape[1] <= large:
         return 1
     try:
-        return max(1, int(sight(image).radius / _RADIUS))
+        return max(1, int(sight(image).radius / typical_radius))
     except UserError:  # a part may show more than the whole
         return 1
 
@@ -189,7 +176,8 @@ def _found(image: Image, sensor: SensorDesign) -> Fitting:
     palette = replace(Palette.of_sensor(sensor), sensor=None, seen=seen)
     markers = [layer.position for layer in detect_markers(inner, palette)]
     place = placement(sensor, markers, (right - left, bottom - top))
-    scale = 1.0 if abs(place.scale - 1.0) < _SAME_SCALE else 1.0 / place.scale
+    same_scale = 0.005  # scales this near to 1 leave the pixels as they are
+    scale = 1.0 if abs(place.scale - 1.0) < same_scale else 1.0 / place.scale
     # Pictures are scaled about the outer edge of their first pixel, not about its centre.
     half = 0.5 * (1.0 - place.scale)
     x, y = left + place.corner[0] + half, top + place.corner[1] + half
@@ -209,7 +197,10 @@ def _sighted(image: Image, box: Box) -> tuple[Box, Sighting]:
     left, top, right, bottom = box
     seen = sight(np.ascontiguousarray(image[top:bottom, left:right]))
     y, x = np.nonzero(seen.field)
-    if np.ptp(x) * np.ptp(y) > _SMALL_SHARE * seen.field.size:
+    # Markers are looked for again, in the sensor alone, where it is less than this share of a
+    # picture.
+    small_share = 0.5
+    if np.ptp(x) * np.ptp(y) > small_share * seen.field.size:
         return box, seen
     around = math.ceil(2.0 * seen.pitch)
     box = (
@@ -237,16 +228,20 @@ def _without_border(image: Image) -> Box:
 
 def _uneven(image: Image, axis: int) -> tuple[int, int]:
     """First column (axis 0) or row (axis 1) that is not even, and one past the last; or all."""
-    uneven = np.flatnonzero(np.ptp(image, axis=axis).max(axis=-1) > _PLAIN)
+    plain = 12  # rows and columns are even where no channel spreads more [grey levels]
+    uneven = np.flatnonzero(np.ptp(image, axis=axis).max(axis=-1) > plain)
     return (int(uneven[0]), int(uneven[-1]) + 1) if len(uneven) else (0, image.shape[1 - axis])
 
 
 def _with_housing(image: Image, axis: int, first: int, end: int) -> tuple[int, int]:
     """Range of columns (axis 0) or rows (axis 1), with those around it that are of the housing."""
-    dark = np.quantile(image, _DARK, axis=axis)  # of each one, shape (L, 3)
-    inside = min(_INSIDE, (end - first) // 2)
-    before = abs(dark[:first] - dark[first + inside]).max(axis=-1) > _ALIKE
-    after = abs(dark[end:] - dark[end - 1 - inside]).max(axis=-1) > _ALIKE
+    # Rows and columns look alike where the darkest pixels, this share of them, differ by less than
+    # this [grey levels] from those this far inside, where compression has left nothing of a border.
+    dark_share, alike, inset = 0.25, 3.0, 16
+    dark = np.quantile(image, dark_share, axis=axis)  # of each one, shape (L, 3)
+    inside = min(inset, (end - first) // 2)
+    before = abs(dark[:first] - dark[first + inside]).max(axis=-1) > alike
+    after = abs(dark[end:] - dark[end - 1 - inside]).max(axis=-1) > alike
     return (
         int(max(np.flatnonzero(before) + 1, default=0)),
         int(min(np.flatnonzero(after) + end, default=len(dark))),

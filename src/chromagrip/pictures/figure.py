@@ -27,17 +27,6 @@ Place = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 _TEXT = (20, 20, 20)
 _FORCE = (30, 60, 200)
 _MOTION = (0, 130, 60)
-_LOST = (215, 25, 30)
-_BAR = (90, 150, 90)
-_BAND = (190, 220, 190)
-
-#: Words for the forces of a chain and of a dome.
-_LEGENDS = (
-    "force per node: across friction, up normal",
-    "force per node: circle normal, line friction",
-)
-#: Circle of the largest normal force [px], and line of as large a friction [m].
-_CIRCLE, _LINE = 4.0, 6e-3
 
 
 def draw_figure(rows: list[Row], flat: bool, path: Path) -> None:
@@ -117,12 +106,13 @@ def draw_forces(
     start = rest.position[0, both]
     canvas.lines(start, start + MAGNIFY * (tracks.position[0, both] - start), _MOTION)
     missing = rest.visible[0] & ~tracks.visible[0]
-    canvas.crosses(rest.position[0, missing], 3.0, _LOST)
+    lost_colour = (215, 25, 30)
+    canvas.crosses(rest.position[0, missing], 3.0, lost_colour)
     field = observation.field
     dome = field.directions is not None
     (_dome_forces if dome else _chain_forces)(canvas, place, field)
     lines = (
-        [(observation.no_estimate, _LOST)]
+        [(observation.no_estimate, lost_colour)]
         if observation.no_estimate
         else [
             (f"normal {field.total_normal:.2f} N", _TEXT),
@@ -133,11 +123,16 @@ def draw_forces(
     canvas.text([(f"{observation.time:.3f} s", _TEXT), *lines], 0)
     canvas.text([("margin", _TEXT), (f"{observation.margin:.2f}", _TEXT)], 1)
     _bar(canvas.pixels, observation)
+    # Words for the forces of a chain and of a dome.
+    legends = (
+        "force per node: across friction, up normal",
+        "force per node: circle normal, line friction",
+    )
     canvas.text(
         [
-            (_LEGENDS[dome], _FORCE),
+            (legends[dome], _FORCE),
             (f"marker motion x{MAGNIFY:g}", _MOTION),
-            (f"x lost {missing.sum()}", _LOST),
+            (f"x lost {missing.sum()}", lost_colour),
         ],
         2,
     )
@@ -161,8 +156,10 @@ def _dome_forces(canvas: Canvas, place: Place, field: ForceField) -> None:
         return
     largest = float(field.normal[on].max())
     base = place(field.position[on])
-    tip = place(field.position[on] + _LINE / largest * field.friction[on])
-    canvas.circles(base, _CIRCLE * np.sqrt(np.maximum(field.normal[on], 0.0) / largest), _FORCE)
+    # The largest normal force is a circle of 4 px, and as large a friction a line of 6 mm.
+    circle, line = 4.0, 6e-3
+    tip = place(field.position[on] + line / largest * field.friction[on])
+    canvas.circles(base, circle * np.sqrt(np.maximum(field.normal[on], 0.0) / largest), _FORCE)
     canvas.lines(base, tip, _FORCE)
 
 
@@ -175,7 +172,9 @@ def _bar(pixels: Image, observation: GripObservation) -> None:
 
     low, high = observation.margin_interval
     if math.isfinite(low) and math.isfinite(high):
-        cv2.rectangle(pixels, (at(low), top), (at(high), bottom), _BAND, -1)
+        cv2.rectangle(pixels, (at(low), top), (at(high), bottom), (190, 220, 190), -1)
     if math.isfinite(observation.margin):
-        cv2.rectangle(pixels, (left, top + 5), (at(observation.margin), bottom - 5), _BAR, -1)
+        cv2.rectangle(
+            pixels, (left, top + 5), (at(observation.margin), bottom - 5), (90, 150, 90), -1
+        )
     cv2.rectangle(pixels, (left, top), (left + width, bottom), _TEXT, 1)

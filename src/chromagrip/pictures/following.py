@@ -26,10 +26,6 @@ Add = Callable[[int, Frame, Tracks], None]
 Summary = TypeVar("Summary", bound=Mapping[str, object])
 
 
-#: Frames whose markers are compared with those of the rest frame.
-_COMPARED = 3
-
-
 class LayerCount(TypedDict):
     """Markers of a layer, and the share of the frames in which they were visible."""
 
@@ -95,7 +91,8 @@ class _Tally:
         self.visible += tracks.visible
         self.ambiguous += int(tracks.ambiguous.sum())
         self.last = tracks
-        if self.frames <= _COMPARED:
+        compared = 3  # frames whose markers are compared with those of the rest frame
+        if self.frames <= compared:
             self.absent &= bool(2 * tracks.visible[self.known].sum() < self.known.sum())
 
 

@@ -10,32 +10,6 @@ from ..render import Frame
 
 Array = NDArray[np.float64]
 
-#: Second difference along rows and columns, which is zero on any slope.
-_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-#: Its gain of noise: the root of the sum of its squared factors.
-_MASK_GAIN = 6.0
-#: Gain of noise of a difference of two frames.
-_DIFFERENCE_GAIN = np.sqrt(2.0)
-#: Values further out than this are clipped [standard deviations].
-_CLIP = 3.0
-#: Standard deviation of a normal distribution after clipping, over that before.
-_KEPT = 0.98658
-#: Rounding to whole levels adds this variance.
-_ROUNDING = 1.0 / 12.0
-#: Lowest level that the camera does not clip [grey levels].
-_DARKEST = 4
-#: Highest such level [grey levels].
-_LIGHTEST = 251
-#: Noise of any camera, at least [grey levels]. A smooth fill, or light between two levels, shows
-#: less than there is.
-_LEAST = 0.3
-#: Noise of compressed pictures, at least [grey levels]. Compression hides the noise and leaves
-#: errors at the edges of markers, the same in every frame: this much at good qualities, two or
-#: three times as much at usual ones.
-_COMPRESSED = 4.0
-#: One more than the largest value of the mask.
-_MOST = 8 * 255 + 1
-
 
 def noise_level(still: list[Frame], lossy: bool) -> tuple[float, str]:
     """Noise of the camera [grey levels] without that of rounding, and its source in words.
@@ -47,26 +21,41 @@ def noise_level(still: list[Frame], lossy: bool) -> tuple[float, str]:
     lossy: whether they were compressed with losses
     """
     images = [frame.image.astype(np.int16) for frame in still]
+    # Second difference along rows and columns, which is zero on any slope.
+    mask = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
+    mask_gain = 6.0  # its gain of noise: the root of the sum of its squared factors
+    difference_gain = np.sqrt(2.0)  # gain of noise of a difference of two frames
     if any((a != b).any() for a, b in itertools.pairwise(images)):
         values = [(b - a)[_unclipped(a) & _unclipped(b)] for a, b in itertools.pairwise(images)]
-        gain, source = _DIFFERENCE_GAIN, f"differences of {len(still)} rest frames"
+        gain, source = difference_gain, f"differences of {len(still)} rest frames"
     else:
-        curved = np.asarray(cv2.filter2D(images[0], -1, _MASK), dtype=np.int16)
+        curved = np.asarray(cv2.filter2D(images[0], -1, mask), dtype=np.int16)
         values = [curved[_unclipped(images[0])]]
-        gain, source = _MASK_GAIN, "neighbouring pixels of one picture"
+        gain, source = mask_gain, "neighbouring pixels of one picture"
+    most = 8 * 255 + 1  # one more than the largest value of the mask
     # All are integers, so that their counts are a complete description.
-    counts: Array = np.sum([np.bincount(abs(v), minlength=_MOST) for v in values], axis=0)
-    variance = (_clipped_deviation(counts) / gain) ** 2 - _ROUNDING
+    counts: Array = np.sum([np.bincount(abs(v), minlength=most) for v in values], axis=0)
+    rounding = 1.0 / 12.0  # rounding to whole levels adds this variance
+    variance = (_clipped_deviation(counts) / gain) ** 2 - rounding
     noise = float(np.sqrt(max(variance, 0.0)))
-    if lossy and noise < _COMPRESSED:
-        return _COMPRESSED, "that of compression"
-    if noise < _LEAST:
-        return _LEAST, f"no less is believed of {source}"
+    # Noise of compressed pictures, at least [grey levels]. Compression hides the noise and leaves
+    # errors at the edges of markers, the same in every frame: this much at good qualities, two or
+    # three times as much at usual ones.
+    compressed_least = 4.0
+    if lossy and noise < compressed_least:
+        return compressed_least, "that of compression"
+    # Noise of any camera, at least [grey levels]. A smooth fill, or light between two levels, shows
+    # less than there is.
+    least = 0.3
+    if noise < least:
+        return least, f"no less is believed of {source}"
     return noise, source
 
 
 def _unclipped(image: NDArray[np.int16]) -> NDArray[np.bool_]:
-    return (image >= _DARKEST) & (image <= _LIGHTEST)
+    darkest = 4  # lowest level that the camera does not clip [grey levels]
+    lightest = 251  # highest such level [grey levels]
+    return (image >= darkest) & (image <= lightest)
 
 
 def _clipped_deviation(counts: Array) -> float:
@@ -81,7 +70,10 @@ def _clipped_deviation(counts: Array) -> float:
     if total[-1] == 0:
         return 0.0
     deviation = float(np.searchsorted(total, 0.5 * total[-1])) / 0.6745
+    clip = 3.0  # values further out than this are clipped [standard deviations]
+    # Standard deviation of a normal distribution after clipping, over that before.
+    kept_share = 0.98658
     for _ in range(20):
-        bulk = int(_CLIP * max(deviation, 1.0)) + 1
-        deviation = float(np.sqrt((counts * squares)[:bulk].sum() / total[:bulk][-1])) / _KEPT
+        bulk = int(clip * max(deviation, 1.0)) + 1
+        deviation = float(np.sqrt((counts * squares)[:bulk].sum() / total[:bulk][-1])) / kept_share
     return deviation

@@ -15,20 +15,11 @@ from ..tracking import Markers, Palette, RestFrame, Tracks
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Longer side of a drawn picture [px]: smaller ones are enlarged, or lines would cover them.
-_LONG_SIDE = 1280
-#: Highest rate of a video [Hz]: sources above it play in slow motion.
-_FASTEST = 60.0
-#: Rate factor of x264.
-_QUALITY = 20
 #: Factor by which motion since rest is drawn longer than it is.
 MAGNIFY = 5.0
-#: Points of an ellipse.
-_POINTS = 32
 
 _Colour = tuple[int, int, int]
 _TEXT: _Colour = (20, 20, 20)
-_HALO: _Colour = (255, 255, 255)
 #: Of the skin's layer, drawn as a full line, and of the one below it, drawn as dashes.
 _LAYERS: tuple[_Colour, _Colour] = ((0, 70, 200), (20, 20, 20))
 _MOTION: _Colour = (0, 130, 60)
@@ -36,10 +27,6 @@ _LOST: _Colour = (215, 25, 30)
 _AMBIGUOUS: _Colour = (240, 130, 0)
 _DROPPED: _Colour = (110, 110, 110)
 _FIELD: _Colour = (150, 60, 160)
-_FONT = cv2.FONT_HERSHEY_SIMPLEX
-_FONT_SCALE = 0.6
-#: Height of a line of text [px].
-_LINE = 30
 
 
 class Canvas:
@@ -53,12 +40,20 @@ class Canvas:
     lines: number of lines of text above the picture
     """
 
+    _halo = (255, 255, 255)
+    _font = cv2.FONT_HERSHEY_SIMPLEX
+    _font_scale = 0.6
+    #: Height of a line of text [px].
+    _row = 30
+
     def __init__(self, image: Image, lines: int) -> None:
         height, width = image.shape[:2]
-        self._scale = _LONG_SIDE / max(height, width)
+        # Longer side of a drawn picture [px]: smaller ones are enlarged, or lines would cover them.
+        long_side = 1280
+        self._scale = long_side / max(height, width)
         size = (max(1, round(self._scale * width)), max(1, round(self._scale * height)))
         way = cv2.INTER_LINEAR if self._scale > 1.0 else cv2.INTER_AREA
-        self._top = _LINE * lines + 10
+        self._top = self._row * lines + 10
         self.pixels: Image = np.full((self._top + size[1], size[0], 3), 255, np.uint8)
         self.pixels[self._top :] = cv2.resize(image, size, interpolation=way)
 
@@ -70,18 +65,19 @@ class Canvas:
         self, places: Array, shapes: Array, colour: _Colour, *, dashed: bool = False
     ) -> None:
         """Outlines that shapes (n, 2, 2) make of the unit circle, around places (n, 2)."""
-        angle = np.linspace(0.0, 2.0 * np.pi, _POINTS, endpoint=False)
+        points = 32  # points of an ellipse
+        angle = np.linspace(0.0, 2.0 * np.pi, points, endpoint=False)
         circle = np.stack([np.cos(angle), np.sin(angle)])
         outlines = self._at(places[:, None] + np.swapaxes(shapes @ circle, 1, 2)).astype(np.int32)
-        dashes = outlines.reshape(-1, _POINTS // 4, 4, 2)[:, :, :3].reshape(-1, 3, 2)
+        dashes = outlines.reshape(-1, points // 4, 4, 2)[:, :, :3].reshape(-1, 3, 2)
         parts, closed = (list(dashes), False) if dashed else (list(outlines), True)
-        for stroke, width in ((_HALO, 3), (colour, 1)):
+        for stroke, width in ((self._halo, 3), (colour, 1)):
             cv2.polylines(self.pixels, parts, closed, stroke, width, cv2.LINE_AA, shift=4)
 
     def lines(self, starts: Array, ends: Array, colour: _Colour) -> None:
         """Lines between places (n, 2)."""
         both = np.stack([self._at(starts), self._at(ends)], axis=1).astype(np.int32)
-        for stroke, width in ((_HALO, 4), (colour, 2)):
+        for stroke, width in ((self._halo, 4), (colour, 2)):
             cv2.polylines(self.pixels, list(both), False, stroke, width, cv2.LINE_AA, shift=4)
 
     def crosses(self, places: Array, half: float, colour: _Colour) -> None:
@@ -101,21 +97,23 @@ class Canvas:
         power = 10.0 ** np.floor(np.log10(width))
         pixels = power * max(step for step in (1, 2, 5) if step * power <= width)
         words = f"{pixels:g} px"
-        right, y = self.pixels.shape[1] - 12, _LINE * line + 20
+        right, y = self.pixels.shape[1] - 12, self._row * line + 20
         left = right - round(pixels * self._scale)
         cv2.line(self.pixels, (left, y), (right, y), _TEXT, 2)
         for x in (left, right):
             cv2.line(self.pixels, (x, y - 5), (x, y + 5), _TEXT, 2)
-        size = cv2.getTextSize(words, _FONT, _FONT_SCALE, 1)[0][0]
+        size = cv2.getTextSize(words, self._font, self._font_scale, 1)[0][0]
         place = (left - size - 10, y + 6)
-        cv2.putText(self.pixels, words, place, _FONT, _FONT_SCALE, _TEXT, 1, cv2.LINE_AA)
+        cv2.putText(self.pixels, words, place, self._font, self._font_scale, _TEXT, 1, cv2.LINE_AA)
 
     def text(self, words: Sequence[tuple[str, _Colour]], line: int) -> None:
         """Words one after another on a line above the picture."""
-        x, y = 10, _LINE * line + 26
+        x, y = 10, self._row * line + 26
         for word, colour in words:
-            cv2.putText(self.pixels, word, (x, y), _FONT, _FONT_SCALE, colour, 1, cv2.LINE_AA)
-            x += cv2.getTextSize(word, _FONT, _FONT_SCALE, 1)[0][0] + 24
+            cv2.putText(
+                self.pixels, word, (x, y), self._font, self._font_scale, colour, 1, cv2.LINE_AA
+            )
+            x += cv2.getTextSize(word, self._font, self._font_scale, 1)[0][0] + 24
 
     def _at(self, places: Array) -> NDArray[np.intp]:
         """Places on the canvas [1/16 px]; pixel centres are at integers on both."""
@@ -242,5 +240,7 @@ class OverlayVideo(VideoFile):
     """
 
     def __init__(self, path: Path, fps: float) -> None:
-        rate = Fraction(min(fps, _FASTEST)).limit_denominator(1001)
-        super().__init__(path, rate, _QUALITY)
+        fastest = 60.0  # highest rate of a video [Hz]: sources above it play in slow motion
+        rate = Fraction(min(fps, fastest)).limit_denominator(1001)
+        quality = 20  # rate factor of x264
+        super().__init__(path, rate, quality)

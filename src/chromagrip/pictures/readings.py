@@ -17,9 +17,6 @@ from .figure import draw_forces
 from .opening import Opened
 from .overlay import TrackDrawing
 
-#: Quantile of the markers' depths that stands for the pad: a single marker's error does not count.
-_DEEPEST = 0.95
-
 
 class Shown(NamedTuple):
     """A frame's row of the table, and what draws the frame with its estimates."""
@@ -105,7 +102,10 @@ def _displacement_row(gains: DisplacementGains, rest: Tracks, tracks: Tracks) ->
     if not len(known):
         row["no_estimate"] = "no marker of the outer layer is visible with its hue or size"
         return row
-    deep = float(np.quantile(known[:, 2], _DEEPEST))
+    # Quantile of the markers' depths that stands for the pad: a single marker's error does not
+    # count.
+    quantile = 0.95
+    deep = float(np.quantile(known[:, 2], quantile))
     shift_x, shift_y = known[known[:, 2] >= min(0.5 * deep, deep), :2].mean(axis=0).tolist()
     row["depth_mm"], row["shift_x_mm"], row["shift_y_mm"] = 1e3 * deep, 1e3 * shift_x, 1e3 * shift_y
     row["deviation_mm"] = 1e3 * float(np.sqrt(np.nanmedian(covariance[:, 2, 2])))

@@ -16,11 +16,6 @@ from ..stored_pictures import MEGAPIXELS
 from ..tracking import detect_markers, join_layers
 from .find_sensor import Find
 
-#: Frames of a folder or a video of the sensor at rest that are averaged, at most.
-MEAN_OF = 8
-#: Frames of the source that the search for the rest frame tries, about.
-_TRIED = 200
-
 
 class Resting(NamedTuple):
     """Frames of the sensor at rest, and those to track.
@@ -62,7 +57,7 @@ def rest_frames(
 
     Parameters
     ----------
-    rest: a source of its own, of which the first `MEAN_OF` are taken; `first` or `first:N` of the
+    rest: a source of its own, of which the first 8 are taken; `first` or `first:N` of the
         source; or `auto`, the frame of the source whose layers lie most exactly on each other
     source: of the frames to track
     find: palette of a picture's markers
@@ -84,7 +79,7 @@ def rest_frames(
         own = open_source(rest, max_megapixels=max_megapixels)
         if own.live:
             raise UserError(f"rest {rest} is a camera; give a picture, or first:N of the source")
-        still = list(itertools.islice(own.frames(), MEAN_OF))
+        still = list(itertools.islice(own.frames(), 8))
         words = f"{rest}, mean of {len(still)}" if len(still) > 1 else rest
         if rest_picture(rest, source.name) is not None:
             words += ", not counted as a frame of the source"
@@ -109,7 +104,8 @@ def _most_exact(
     """Number and frame whose markers of two layers are nearest to each other."""
     if source.live:
         raise UserError("rest auto looks at every frame twice, which is not possible with a camera")
-    step = math.ceil((source.count or _TRIED) / _TRIED)
+    tried = 200  # frames of the source that the search for the rest frame tries, about
+    step = math.ceil((source.count or tried) / tried)
     best: tuple[float, int, Frame] | None = None
     refusal, alone = "there is none", ""
     for index, frame in enumerate(source.frames()):

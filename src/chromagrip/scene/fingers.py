@@ -7,17 +7,15 @@ from ..model.pinch import Pinch
 from .pinch import PinchSettings
 from .scene import Scene
 
-#: Difference between the seed of the second finger's camera and the scene's.
-_SECOND_SEED = 7_919
-
 
 def fingers(scene: Scene) -> tuple[Scene, ...]:
     """Split a scene into a one-finger scene for each finger, with its own sensor and seed."""
     single = msgspec.structs.replace(scene, fingers=1, pinch=PinchSettings())
+    second_seed = 7_919  # difference between the seed of the second finger's camera and the scene's
     second = msgspec.structs.replace(
         single,
         sensor=scene.pinch.second_sensor or scene.sensor,
-        seed=(scene.seed + _SECOND_SEED) % 2**32,
+        seed=(scene.seed + second_seed) % 2**32,
     )
     return (single, second)[: scene.fingers]
 

@@ -51,16 +51,6 @@ from .given import numbers
 Array = NDArray[np.float64]
 BodyName = Literal["chain", "dome", "pad"]
 
-#: Longest step of the node model [s].
-CHAIN_STEP = 1e-3
-#: Longest step of silicone: motion [m], turn [rad] and time under forces [s] of the object; and
-#: the most steps of one update: an object that moves farther is placed without friction on its way.
-WAY, TURN, TIME, MOST = 0.1e-3, math.radians(3.0), 2e-3, 40
-#: Number of depths in the body at which an object is checked for being inside.
-LOOKS = 12
-#: Dampers between the object and ground under forces, as in a grasp: along z and across [N·s/m].
-PRESS_DRAG, DRAG = 25.2, 120.0
-
 
 #: Largest coordinate of an object [m], so that millimetres given as metres are refused.
 FARTHEST = 1.0
@@ -114,6 +104,9 @@ class Ability:
 class ChainBody:
     """The node model of the thesis: a chain in the plane of x and z."""
 
+    #: Longest step of the node model [s].
+    _longest_step = 1e-3
+
     name: BodyName = "chain"
     ability = Ability(objects=ContactObject, moves=("x", "z"), loads=("x", "z"), torsion=False)
 
@@ -164,7 +157,7 @@ class ChainBody:
                 f'{pose.turn}; take body = "dome"'
             )
         obj, state, slip = of_chain(contact)
-        count, start = max(1, math.ceil(dt / CHAIN_STEP - 1e-9)), state.deformation
+        count, start = max(1, math.ceil(dt / self._longest_step - 1e-9)), state.deformation
         drive = Drive(
             times=state.time + np.array([0.0, dt]),
             normal=np.array([start.rigid_part, self.fingertip.radius - z]),
@@ -191,7 +184,7 @@ class ChainBody:
                 f"a chain's object is loaded along x and z alone, got {wrench.tolist()}; take "
                 'body = "dome"'
             )
-        count = max(1, math.ceil(dt / CHAIN_STEP - 1e-9))
+        count = max(1, math.ceil(dt / self._longest_step - 1e-9))
         forces = np.tile([-wrench[2], wrench[0]], (count, 1))
         obj, _, _ = of_chain(contact)
         after = follow_chain(self.fingertip, obj, contact, dt / count, forces, (count,))[0]
@@ -285,8 +278,11 @@ class SiliconeBody:
         before = Rotation.from_matrix(state.rotation)
         turn = Rotation.from_quat(pose.turn, scalar_first=True) * before.inv()
         way = float(np.linalg.norm(place - state.place))
-        count = max(1, math.ceil(way / WAY), math.ceil(turn.magnitude() / TURN))
-        if count > MOST:
+        # Longest motion [m] and turn [rad] of the object in a step, and most steps of an update: an
+        # object that moves farther is placed without friction on its way.
+        way_m, turn_rad, most_steps = 0.1e-3, math.radians(3.0), 40
+        count = max(1, math.ceil(way / way_m), math.ceil(turn.magnitude() / turn_rad))
+        if count > most_steps:
             self._check_outside(place, turn * before)
             contact, count = self._lifted(contact, place, turn * before), 1
             state, turn, before = of_dome(contact)[1], Rotation.identity(), turn * before
@@ -314,11 +310,14 @@ class SiliconeBody:
                 "turn about them"
             )
         _, state, _ = of_dome(contact)
-        stepper, turning = self._stepper, DRAG * (0.5 * self.carrier.radius) ** 2
+        # Dampers between the object and ground, as in a grasp: along z and across [N·s/m].
+        down, across = 25.2, 120.0
+        stepper, turning = self._stepper, across * (0.5 * self.carrier.radius) ** 2
         stepper.restore(state)
-        drag = (DRAG, DRAG, PRESS_DRAG, 0.0, 0.0, turning)
+        drag = (across, across, down, 0.0, 0.0, turning)
         stepper.motion = _still(np.zeros(6), 1.0, free=self.ability.loads, drag=drag)
-        count = max(1, math.ceil(dt / TIME - 1e-9))
+        time_s = 2e-3  # longest step under forces [s]
+        count = max(1, math.ceil(dt / time_s - 1e-9))
         for k in range(1, count + 1):
             before = stepper.place.copy()
             with located(f"the {self.name} gave up"):
@@ -343,7 +342,8 @@ class SiliconeBody:
         """Refuse a place where the object would reach into the core below the silicone."""
         skin, shape = lattice(self.carrier), self._stepper.solid.shape
         deepest = 0.8 * self.carrier.thickness  # deepest press that the model describes
-        for depth in np.linspace(deepest, self.carrier.radius, LOOKS):
+        looks = 12  # number of depths in the body at which an object is checked for being inside
+        for depth in np.linspace(deepest, self.carrier.radius, looks):
             inside = skin.points - depth * skin.outwards
             gap, _ = distances(shape, turn.inv().apply(inside - place))
             if gap.min() < 0.0:

@@ -15,20 +15,16 @@ from ..tracking import Z90
 Array = NDArray[np.float64]
 
 
-#: Smallest µ after a bias.
-LEAST_FRICTION = 0.01
-
-
 def finished(observation: GripObservation, bias: float = 0.0) -> GripObservation:
     """Add a bias on µ, and the margin of friction and torsion together."""
     return with_limit_margin(with_friction_bias(observation, bias))
 
 
 def with_friction_bias(observation: GripObservation, bias: float) -> GripObservation:
-    """Add a bias to µ, which stays at `LEAST_FRICTION` or above, and compute Γ with it."""
+    """Add a bias to µ, which stays at 0.01 or above, and compute Γ with it."""
     if bias == 0.0 or math.isnan(observation.margin):
         return observation
-    mu = max(observation.friction + bias, LEAST_FRICTION)
+    mu = max(observation.friction + bias, 0.01)
     margin = observation.field.safety_margin(mu)
     low, high = (end + mu - observation.friction for end in observation.friction_interval)
     margin_low, margin_high = (

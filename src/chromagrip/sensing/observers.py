@@ -23,14 +23,6 @@ from ..tracking import (
 )
 from ..tracking.forces import DOME_METHODS, name_used, untouched_field
 
-#: Largest half-width of the interval of ln µ that skews the interval of Γ: about the prior's.
-_MOST_DOUBT = 1.0
-#: Correlation of the errors of ΣFn and ΣFf from wrong stiffnesses: the tissue's scale both alike,
-#: the membrane's do not.
-STIFFNESS_CORRELATION = 0.95
-#: Number of the random stream of the noise on Γ, among those of a seed.
-MARGIN_NOISE_STREAM = 7
-
 
 class TruthObserver:
     """Takes forces and displacement from the model; estimates µ as in the thesis (Eq. 8).
@@ -46,7 +38,8 @@ class TruthObserver:
     def __init__(self, window: float, margin_noise: float = 0.0, seed: int = 0) -> None:
         self._friction = FrictionEstimate(THESIS_RULE, window)
         self._noise = margin_noise
-        self._random = np.random.default_rng([seed, MARGIN_NOISE_STREAM])
+        stream = 7  # number of the random stream of the noise on Γ, among those of a seed
+        self._random = np.random.default_rng([seed, stream])
 
     def observe(
         self, time: float, field: ForceField, lateral_displacement: float
@@ -193,7 +186,9 @@ def margin_interval(field: ForceField, mu: float, mu_deviation: float) -> tuple[
     """
     margin = field.safety_margin(mu)
     spread = Z90 * margin_deviation(field, mu, mu_deviation)
-    doubt = min(Z90 * mu_deviation / mu, _MOST_DOUBT) if mu > 0.0 else 0.0
+    # Largest half-width of the interval of ln µ that skews the interval of Γ: about the prior's.
+    most_doubt = 1.0
+    doubt = min(Z90 * mu_deviation / mu, most_doubt) if mu > 0.0 else 0.0
     if field.directions is None or field.friction_reading is None or not doubt > 0.0:
         return margin - spread, margin + spread
     return margin - spread * math.expm1(doubt) / doubt, margin - spread * math.expm1(-doubt) / doubt
@@ -236,7 +231,10 @@ def _with_stiffness_deviation(field: ForceField, deviation: float) -> ForceField
         return field
     totals = deviation * np.array([field.total_normal, field.total_friction])
     added = np.outer(totals, totals)
-    added *= [[1.0, STIFFNESS_CORRELATION], [STIFFNESS_CORRELATION, 1.0]]
+    # Correlation of the errors of ΣFn and ΣFf from wrong stiffnesses: the tissue's scale both
+    # alike, the membrane's do not.
+    correlation = 0.95
+    added *= [[1.0, correlation], [correlation, 1.0]]
     wrench = field.wrench_covariance
     if wrench is not None:
         wrench = wrench + deviation**2 * np.outer(field.wrench, field.wrench)

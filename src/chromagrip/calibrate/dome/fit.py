@@ -29,30 +29,6 @@ from .pressing import OWN, Pressing
 
 Array = NDArray[np.float64]
 
-#: Prior deviations: of the layer's thickness and the depths of markers as shares, of the depths at
-#: least [mm], of ν, and of ln E.
-_SHARES, _DEPTH, _POISSON, _YOUNG = 0.05, 0.05, 0.01, 0.2
-#: Prior deviations of the gains of places and sizes.
-_GAINS = (0.02, 0.05)
-#: Highest ν.
-_HIGHEST = 0.494
-#: Farthest x, and the longest step of one [prior deviations].
-_FARTHEST, _LONGEST = 4.0, 2.0
-#: Errors of a known force as a share of it, across the normal, and of a torque over force times
-#: thickness.
-_FORCE, _ACROSS, _TORQUE = 0.01, 0.02, 0.05
-#: Derivatives by the unknowns of a press are taken over so many of their units: nodes that begin to
-#: touch make a force jump.
-_UNITS = 5.0
-#: Pitch of the skin on which derivatives by the elasticity are taken, over the radius.
-_COARSE = 1 / 12
-#: Share of the prior deviation above which a value counts as undetermined.
-_OPEN = 0.8
-#: Change of the silicone in a round, in its deviations, at which it has been found.
-_ARRIVED = 0.2
-#: Smallest gain of a step, in squared deviations.
-_GAIN = 0.3
-
 
 @dataclass(frozen=True, kw_only=True)
 class Data:
@@ -114,6 +90,14 @@ class SiliconeFit:
     spread: their prior deviations and those of the gains, shape (V + 2,)
     """
 
+    #: Highest ν.
+    highest_ratio = 0.494
+    #: Error of a known force as a share of it.
+    force_share = 0.01
+    #: Derivatives by the unknowns of a press are taken over so many of their units: nodes that
+    #: begin to touch make a force jump.
+    many_units = 5.0
+
     def __init__(
         self, nominal: SensorCalibration, rest: Tracks, pose: CameraPose, data: Data
     ) -> None:
@@ -121,15 +105,19 @@ class SiliconeFit:
         design = silicone_of(nominal)
         assert design is not None
         self._design = design
+        # Prior deviations: of thickness and depths as shares, of depths at least 0.05 mm, of ν and
+        # of ln E.
+        share, least_mm = 0.05, 0.05
         known = {
-            "core_mm": _SHARES * 1e3 * nominal.sensor.dome.thickness,
-            "poisson": _POISSON,
-            "magenta_depth_mm": max(_SHARES * design.magenta_depth_mm, _DEPTH),
-            "yellow_depth_mm": max(_SHARES * (design.yellow_depth_mm or 0.0), _DEPTH),
-            "young_kpa": _YOUNG,
+            "core_mm": share * 1e3 * nominal.sensor.dome.thickness,
+            "poisson": 0.01,
+            "magenta_depth_mm": max(share * design.magenta_depth_mm, least_mm),
+            "yellow_depth_mm": max(share * (design.yellow_depth_mm or 0.0), least_mm),
+            "young_kpa": 0.2,
         }
         self.names = silicone_names(nominal.sensor)
-        self.spread = np.array([*(known[name] for name in self.names), *_GAINS])
+        gains = (0.02, 0.05)  # prior deviations for places and sizes
+        self.spread = np.array([*(known[name] for name in self.names), *gains])
         #: Which of x is ln E.
         self._young = len(self.names) - 1
         self._pressing = self._supposed(np.zeros(len(self.spread)))
@@ -141,7 +129,7 @@ class SiliconeFit:
         return SiliconeValues(
             core_mm=design.core_mm + off["core_mm"],
             young_kpa=design.young_kpa * math.exp(off["young_kpa"]),
-            poisson=min(design.poisson + off["poisson"], _HIGHEST),
+            poisson=min(design.poisson + off["poisson"], self.highest_ratio),
             magenta_depth_mm=design.magenta_depth_mm + off["magenta_depth_mm"],
             yellow_depth_mm=None if inner is None else inner + off["yellow_depth_mm"],
         )
@@ -167,6 +155,7 @@ class SiliconeFit:
         """Fit the unknowns of a point's presses, ln E and the gains again."""
         damping = 1e-3
         residual = self.residual(point)
+        least_gain = 0.3  # smallest gain of a step, in squared deviations
         for _ in range(rounds):
             slopes = self._slopes(point)
             while damping < 1e3:
@@ -179,7 +168,7 @@ class SiliconeFit:
                 return point
             gain = float(residual @ residual - after @ after)
             point, residual, damping = moved, after, max(0.1 * damping, 1e-6)
-            if gain < _GAIN:
+            if gain < least_gain:
                 break
         return point
 
@@ -217,9 +206,10 @@ class SiliconeFit:
         inverse = np.linalg.inv(whole.T @ whole)
         rows = np.zeros((count + len(point.own), whole.shape[1]))
         rows[:count, :count] = np.eye(count)
-        rows[count:] = _FORCE * whole[self._force_rows()]
+        rows[count:] = self.force_share * whole[self._force_rows()]
         covariance = rows @ inverse @ rows.T
-        held = np.sqrt(np.diag(covariance)[:count]) > _OPEN
+        open_from = 0.8  # share of the prior deviation above which a value counts as undetermined
+        held = np.sqrt(np.diag(covariance)[:count]) > open_from
         held[young] = False
         free = np.ones(whole.shape[1], np.bool_)
         free[:count] = ~held
@@ -228,11 +218,13 @@ class SiliconeFit:
         step[:count][held] = -point.x[:count][held]
         residual = self.residual(point) + whole @ step
         step[free] = np.linalg.lstsq(whole[:, free], -residual, rcond=None)[0]
-        step[:young] = np.clip(step[:young], -_LONGEST, _LONGEST)
+        longest = 2.0  # longest step of x [prior deviations]
+        step[:young] = np.clip(step[:young], -longest, longest)
         x = point.x.copy()
-        x[:young] = np.clip(x[:young] + step[:young], -_FARTHEST, _FARTHEST)
+        farthest = 4.0  # farthest x [prior deviations]
+        x[:young] = np.clip(x[:young] + step[:young], -farthest, farthest)
         ratio = self.names.index("poisson")
-        x[ratio] = min(x[ratio], (_HIGHEST - self._design.poisson) / self.spread[ratio])
+        x[ratio] = min(x[ratio], (self.highest_ratio - self._design.poisson) / self.spread[ratio])
         self._pressing = self._supposed(x)
         moved = self._moved(replace(point, x=x), step[young:])
         if moved is None:
@@ -249,13 +241,15 @@ class SiliconeFit:
         torque = np.array([press.torque for press in known])
         thickness = self._pressing.dome.thickness
         mean, deviation = self._prior(point.own)
+        across = 0.02  # error of a force across the normal, as a share of the normal force
+        torque_share = 0.05  # error of a torque over force times thickness
         return np.concatenate(
             [
                 self.data.whitened(self.seen(point) - self.data.shifts),
-                np.log(np.maximum(forces[:, 0], 1e-9) / normal) / _FORCE,
-                (forces[:, 1] - lateral) / (_ACROSS * normal),
-                forces[:, 2] / (_ACROSS * normal),
-                (forces[:, 3] - torque) / (_TORQUE * normal * thickness),
+                np.log(np.maximum(forces[:, 0], 1e-9) / normal) / self.force_share,
+                (forces[:, 1] - lateral) / (across * normal),
+                forces[:, 2] / (across * normal),
+                (forces[:, 3] - torque) / (torque_share * normal * thickness),
                 ((point.own - mean) / deviation).ravel(),
                 point.x,
             ]
@@ -285,9 +279,11 @@ class SiliconeFit:
         elastic[self._young] = 0.0
         known = with_silicone(self._nominal, self.values(elastic))
         silicone = known.sensor.silicone
+        # Pitch of the skin on which derivatives by the elasticity are taken, over the radius.
+        coarse_pitch = 1 / 12
         if coarse and silicone is not None:
             dome = known.sensor.dome
-            pitch = 1e3 * max(dome.spacing, _COARSE * dome.radius)
+            pitch = 1e3 * max(dome.spacing, coarse_pitch * dome.radius)
             sensor = changed(known.sensor, silicone=changed(silicone, pitch_mm=pitch))
             known = replace(known, sensor=sensor)
         return Pressing(known, self._rest, self._pose)
@@ -305,7 +301,7 @@ class SiliconeFit:
         x, count = point.x.copy(), len(point.x) - self._young
         x[self._young :] += step[:count]
         own_step = step[count:].reshape(point.own.shape)
-        own = point.own + _UNITS * self._pressing.units * own_step
+        own = point.own + self.many_units * self._pressing.units * own_step
         try:
             return self._at(x, self._pressing.limited(own))
         except ModelError:
@@ -320,7 +316,7 @@ class SiliconeFit:
             x = point.x.copy()
             x[self._young + k] += 1e-3
             columns[:, k] = (self.residual(replace(point, x=x)) - here) / 1e-3
-        units = _UNITS * self._pressing.units
+        units = self.many_units * self._pressing.units
         for k, press in enumerate(self.data.presses):
             for j in range(OWN):
                 own, shifts, held = point.own.copy(), point.shifts.copy(), point.held.copy()
@@ -348,6 +344,8 @@ def fit_silicone(
         When the contacts do not converge.
     """
     elastic = None
+    # Change of the silicone in a round, in its deviations, at which it has been found.
+    arrived = 0.2
     for number in range(1, rounds + 1):
         tell(f"elasticity, round {number} of at most {rounds}")
         if number < rounds or elastic is None:
@@ -357,6 +355,6 @@ def fit_silicone(
         point = fit.settled(point, 2)
         count = len(fit.names)
         spread = np.sqrt(np.diag(covariance)[:count])
-        if (abs(point.x - before.x)[:count] < _ARRIVED * spread).all():
+        if (abs(point.x - before.x)[:count] < arrived * spread).all():
             break
     return point, covariance, held

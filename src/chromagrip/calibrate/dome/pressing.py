@@ -40,16 +40,6 @@ Array = NDArray[np.float64]
 #: Number of unknowns of a press, and which of those of an object they are.
 OWN = 8
 _OF_OBJECT = [0, 1, FRICTION, BRISTLE]
-#: Stiffness of a rigid object [N/m³]; it gives way by less than 1 µm.
-_RIGID = 1e11
-#: Starts of a place: angles from the apex [rad], and how many around it.
-_STARTS = ((0.0, 1), (0.2, 6), (0.45, 10))
-#: Press of a start over the thickness, the deepest one, and rounds that find the force.
-_LIGHT, _DEEPEST, _ROUNDS = 0.1, 0.7, 4
-#: How fast a force grows with the depth of a press, to begin with.
-_POWER = 1.6
-#: Farthest place from the apex [rad].
-_FARTHEST = 0.8
 
 
 class Pressing:
@@ -61,6 +51,9 @@ class Pressing:
     rest: tracks of the unloaded sensor
     pose: of the specimen's camera
     """
+
+    #: Deepest press over the thickness.
+    deepest = 0.7
 
     def __init__(self, calibration: SensorCalibration, rest: Tracks, pose: CameraPose) -> None:
         dome = calibration.sensor.round_dome("a fit of presses")
@@ -107,12 +100,15 @@ class Pressing:
         ----------
         alike: says how alike shifts (P, 6) are to the picture's
         """
-        light = _LIGHT * self.dome.thickness
+        light_press = 0.1  # press of a start over the thickness
+        light = light_press * self.dome.thickness
         tried = [self._from(place, light) for place in _places()]
         scores = [alike(self(press, own)[0]) for own in tried]
         last = own = tried[int(np.argmax(scores))]
-        power, before = _POWER, None
-        for _ in range(_ROUNDS):
+        first_power = 1.6  # how fast a force grows with the depth of a press, to begin with
+        power, before = first_power, None
+        rounds = 4  # rounds that find the force
+        for _ in range(rounds):
             try:
                 force = float(self(press, own)[1][0])
             except ModelError:  # too deep; the fit goes on from the last one
@@ -124,7 +120,7 @@ class Pressing:
             before = now
             deeper = float(np.clip((math.log(press.normal) - now[1]) / power, -1.5, 1.5))
             own = own.copy()
-            own[PRESS] = min(own[PRESS] * math.exp(deeper), _DEEPEST * self.dome.thickness)
+            own[PRESS] = min(own[PRESS] * math.exp(deeper), self.deepest * self.dome.thickness)
         return own
 
     def _from(self, place: tuple[float, float], depth: float) -> Array:
@@ -139,7 +135,8 @@ class Pressing:
         object_ = np.zeros(8)
         object_[_OF_OBJECT] = own[MOVING:]
         object_[CURVES] = [1.0 / press.radius] * 2 + [0.0] if press.radius else 0.0
-        object_[STIFFNESS] = math.log(_RIGID)
+        rigid = 1e11  # stiffness of a rigid object [N/m³]; it gives way by less than 1 µm
+        object_[STIFFNESS] = math.log(rigid)
         return object_
 
     def prior(self, own: Array) -> tuple[Array, Array]:
@@ -161,8 +158,9 @@ class Pressing:
     def limited(self, own: Array) -> Array:
         """Unknowns (…, 8) within what a press can have."""
         out, object_ = own.copy(), own[..., MOVING:]
-        out[..., PRESS] = np.clip(own[..., PRESS], 1e-6, _DEEPEST * self.dome.thickness)
-        out[..., MOVING : MOVING + 2] = np.clip(object_[..., PLACE], -_FARTHEST, _FARTHEST)
+        out[..., PRESS] = np.clip(own[..., PRESS], 1e-6, self.deepest * self.dome.thickness)
+        farthest = 0.8  # farthest place from the apex [rad]
+        out[..., MOVING : MOVING + 2] = np.clip(object_[..., PLACE], -farthest, farthest)
         out[..., MOVING + 2] = np.clip(object_[..., 2], math.log(0.03), math.log(4.0))
         out[..., MOVING + 3] = np.clip(object_[..., 3], math.log(2e8), math.log(2e11))
         return out
@@ -170,8 +168,10 @@ class Pressing:
 
 def _places() -> list[tuple[float, float]]:
     """Places that a press may be at, as turns about x and y [rad]."""
+    # Starts of a place: angles from the apex [rad], and how many around it.
+    starts = ((0.0, 1), (0.2, 6), (0.45, 10))
     return [
         (angle * math.cos(turn), angle * math.sin(turn))
-        for angle, count in _STARTS
+        for angle, count in starts
         for turn in 2.0 * math.pi * np.arange(count) / count
     ]

@@ -26,17 +26,6 @@ from .fit import Data, SiliconeFit, fit_silicone
 
 Array = NDArray[np.float64]
 
-#: Variance of a pair that was not visible [px²].
-_UNKNOWN = 1e6
-#: Rounds of the presses alone, and most of the silicone.
-_ALONE, _ROUNDS = 12, 4
-#: Pairs whose misfit is more than this many times the median's are left out, and so is a pair that
-#: moves; the largest share of those that may be.
-_OUTLIER, _OUTLIERS = 5.0, 0.1
-#: Largest error of a fit, as a share of the markers' motion, and of the forces.
-_LEFT, _LEFT_FORCE = 0.2, 0.1
-#: Largest deviation of Young's modulus that counts as determined, as a share of it.
-_VAGUE = 0.1
 #: Ends the refusal of presses that no silicone near the design explains.
 _HINT = "Check forces and radii, that each press began unloaded, and that plates and balls are hard"
 
@@ -69,12 +58,12 @@ def fit_presses(
     fit = SiliconeFit(nominal, pressed.rest, pose, data)
     tell(f"places of {len(data.presses)} presses")
     with _calculable():
-        point = fit.settled(fit.start(), _ALONE)
+        point = fit.settled(fit.start(), rounds=12)
     kept = _without_outliers(fit.seen(point), data)
     data = _weighted(shifts, pressed, replace(data, visible=kept))
     fit = SiliconeFit(nominal, pressed.rest, pose, data)
     with _calculable():
-        point, covariance, held = fit_silicone(fit, point, _ROUNDS, tell)
+        point, covariance, held = fit_silicone(fit, point, rounds=4, tell=tell)
     values, count = fit.values(point.x), len(fit.names)
     young = count - 1
     # By their own names: all as they are but E, which is over its share.
@@ -136,7 +125,8 @@ def _weighted(shifts: MarkerShifts, pressed: Pressed, data: Data) -> Data:
     floor = np.tile([PLACE_ERROR, PLACE_ERROR, SIZE_ERROR], 2) ** 2
     floor *= max(1.0, len(data.presses) / INDEPENDENT)
     own = np.array([shifts.covariance(tracks) for tracks in pressed.tracks]) + np.diag(floor)
-    own = np.where(data.visible[..., None, None], own, _UNKNOWN * np.eye(6))
+    unknown = 1e6  # variance of a pair that was not visible [px²]
+    own = np.where(data.visible[..., None, None], own, unknown * np.eye(6))
     shared = shifts.rest_covariance
     weights = whitening(own[:, :, *square], shared[:, *square])
     return replace(data, weights=weights)
@@ -149,7 +139,8 @@ def _without_outliers(seen: Array, data: Data) -> NDArray[np.bool_]:
     missed, moved = (
         np.linalg.norm(v, axis=-1) for v in (off, data.shifts[..., data.tells] / scale)
     )
-    limit = _OUTLIER * max(float(np.median(missed[data.visible])), 1.0)
+    outlier = 5.0  # pairs whose misfit is more than this many times the median's are left out
+    limit = outlier * max(float(np.median(missed[data.visible])), 1.0)
     kept, moving = data.visible & (missed < limit), data.visible & (moved > limit)
     # Who is off alike in all presses was read wrong at rest, as at a seam: no press is to blame.
     seen_in = data.visible[..., None]
@@ -158,10 +149,11 @@ def _without_outliers(seen: Array, data: Data) -> NDArray[np.bool_]:
     own = (np.linalg.norm(alike, axis=-1) > limit) & (varied < limit)
     kept, moving = kept & ~own, moving & ~own
     lost = float((moving & ~kept).sum() / max(1, moving.sum()))
-    if lost > _OUTLIERS:
+    outlier_share = 0.1  # largest share of the pairs that move that may be left out
+    if lost > outlier_share:
         raise UserError(
             f"{lost:.0%} of the markers that move are far from where silicone near the design has "
-            f"them; allowed: {_OUTLIERS:.0%}. {_HINT}"
+            f"them; allowed: {outlier_share:.0%}. {_HINT}"
         )
     return np.asarray(kept)
 
@@ -169,19 +161,23 @@ def _without_outliers(seen: Array, data: Data) -> NDArray[np.bool_]:
 def _check(error: Array, shifts: Array, forces: Array, vague: float) -> None:
     """Refuse large errors of the pairs (n, W) or forces (K,), and a vague stiffness."""
     missed, motion = _places_rms(error), _places_rms(shifts)
-    if missed > _LEFT * motion:
+    most_left = 0.2  # largest error of a fit, as a share of the markers' motion
+    if missed > most_left * motion:
         raise UserError(
             f"no silicone near the design explains the presses: of a motion of {motion:.2f} px RMS "
-            f"it misses {missed:.2f} px; allowed: {_LEFT:.0%}. {_HINT}"
+            f"it misses {missed:.2f} px; allowed: {most_left:.0%}. {_HINT}"
         )
-    if abs(forces).max() > _LEFT_FORCE:
+    most_force_left = 0.1  # the same of the forces
+    if abs(forces).max() > most_force_left:
         raise UserError(
             f"no silicone near the design explains the presses: a force is off by "
-            f"{abs(forces).max():.0%}; allowed: {_LEFT_FORCE:.0%}. {_HINT}"
+            f"{abs(forces).max():.0%}; allowed: {most_force_left:.0%}. {_HINT}"
         )
-    if vague > _VAGUE:
+    # Largest deviation of Young's modulus that counts as determined, as a share of it.
+    vague_from = 0.1
+    if vague > vague_from:
         raise UserError(
-            f"the presses leave Young's modulus open by {vague:.0%}; allowed: {_VAGUE:.0%}, "
+            f"the presses leave Young's modulus open by {vague:.0%}; allowed: {vague_from:.0%}, "
             "wanted: more presses, and larger forces"
         )
 

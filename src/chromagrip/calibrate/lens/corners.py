@@ -19,8 +19,6 @@ Picture = NDArray[np.uint8]
 MIN_IMAGES = 4
 #: Fewer corners hardly determine the pose of the board.
 MIN_CORNERS = 6
-#: Endings of picture files in a folder.
-_SUFFIXES = {".png", ".jpg", ".jpeg"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,9 +37,10 @@ class View:
 def image_files(paths: Sequence[Path]) -> list[Path]:
     """Files among the paths, and the png and jpg files of folders among them, by name."""
     found: list[Path] = []
+    suffixes = {".png", ".jpg", ".jpeg"}
     for path in paths:
         if path.is_dir():
-            found += sorted(p for p in path.iterdir() if p.suffix.lower() in _SUFFIXES)
+            found += sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes)
         elif path.is_file():
             found.append(path)
         else:

@@ -11,9 +11,6 @@ from ...errors import UserError
 from ...render import FisheyeCamera, PinholeCamera
 from .corners import MIN_CORNERS, MIN_IMAGES, Array, View, check_count, on_a_line
 
-#: Angles from the axis within which corners are used, in turn [rad]: OpenCV's fisheye divides by a
-#: point's depth, which is zero at 90°.
-_RIMS = (np.radians(70.0), np.radians(85.0))
 #: End of OpenCV's iterations: their number, and the relative change of the parameters.
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 200, 1e-10)
 
@@ -93,10 +90,13 @@ def calibrate_fisheye(views: list[View], size: tuple[int, int], left_out: dict[s
     first = _guess_fisheye(views, size)
     fix = cv2.fisheye
     holds = (fix.CALIB_FIX_K4, fix.CALIB_FIX_K3, fix.CALIB_FIX_K2, fix.CALIB_FIX_K1)
+    # Angles from the axis within which corners are used, in turn [rad]: OpenCV's fisheye divides by
+    # a point's depth, which is zero at 90°.
+    rims = (np.radians(70.0), np.radians(85.0))
     for held in range(len(holds) + 1):
         # Coefficients that the images do not determine may fold the image: hold the highest at 0.
         camera, flags = first, sum(holds[:held])
-        for rim in _RIMS:  # the guess is too coarse to tell which corners are close to 90°
+        for rim in rims:  # the guess is too coarse to tell which corners are close to 90°
             out: dict[str, str] = {}
             solved = _solve_fisheye(_within(views, camera, rim, out), camera, flags, out)
             if solved is None:

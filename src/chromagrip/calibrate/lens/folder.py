@@ -17,16 +17,6 @@ from .fit import Fit, calibrate_fisheye, calibrate_pinhole
 
 ModelName = Literal["fisheye", "pinhole"]
 
-#: Largest standard deviation of a focal length that counts as determined, as a share of it.
-_VAGUE = 0.05
-#: Smallest angle between two boards: parallel boards leave the focal length open, however well
-#: they fit [rad].
-_MIN_TILT = np.radians(10.0)
-#: Largest RMS error of the corners at which the lens counts as found, as a share of the width.
-_MAX_ERROR = 1 / 300
-#: Corners whose error is more than this many times the median are wrong: 1 in 2000 is by chance.
-_OUTLIER = 3.3
-
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
@@ -115,7 +105,9 @@ def _too_few(count: int) -> str:
 def _without_outliers(fit: Fit, left_out: dict[str, str]) -> list[View]:
     """Remove corners whose error is far above the median."""
     errors = fit.errors()
-    limit = _OUTLIER * float(np.median(np.concatenate(errors)))
+    # Corners whose error is more than this many times the median are wrong: 1 in 2000 is by chance.
+    outlier = 3.3
+    limit = outlier * float(np.median(np.concatenate(errors)))
     kept = []
     for view, error in zip(fit.views, errors, strict=True):
         rest = view.only(error < limit)
@@ -136,16 +128,23 @@ def _finish(fit: Fit, left_out: dict[str, str]) -> Calibration:
     """
     camera, errors = fit.camera, fit.errors()
     error = float(np.sqrt((np.concatenate(errors) ** 2).mean()))
-    if not error < _MAX_ERROR * camera.width:
+    # Largest RMS error of the corners at which the lens counts as found, as a share of the width.
+    max_error = 1 / 300
+    if not error < max_error * camera.width:
         raise UserError(
             f"no lens of this model fits: it misses the corners by {error:.1f} px RMS; allowed: "
-            f"{_MAX_ERROR * camera.width:.1f} px. Try the other model, and check that the board is "
+            f"{max_error * camera.width:.1f} px. Try the other model, and check that the board is "
             f"flat and that columns, rows and marker are as printed"
         )
     normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn, _ in fit.poses])
     tilt = np.arccos(np.clip(normals @ normals.T, -1.0, 1.0)).max()
-    vague = fit.deviations[:2] > _VAGUE * np.array(camera.focal)
-    if tilt < _MIN_TILT or vague.any() or not np.isfinite(fit.deviations).all():
+    # Largest standard deviation of a focal length that counts as determined, as a share of it.
+    vague_from = 0.05
+    vague = fit.deviations[:2] > vague_from * np.array(camera.focal)
+    # Smallest angle between two boards: parallel boards leave the focal length open, however well
+    # they fit [rad].
+    min_tilt = np.radians(10.0)
+    if tilt < min_tilt or vague.any() or not np.isfinite(fit.deviations).all():
         raise UserError(
             "these images leave the focal length open; take images with the board tilted by "
             "20° to 50° in different directions, in all parts of the image"

@@ -22,10 +22,6 @@ from .lerobot import write_lerobot
 
 #: Function called with the number of sequences done.
 Progress = Callable[[int], None]
-#: Number of sequences in a pickle: its reader holds all in memory.
-_PICKLED = 10
-#: Number of frames in a tar file.
-_TARRED = 1000
 
 
 def export(
@@ -95,6 +91,7 @@ def _write_tapvid(sequences: Iterator[Loaded], out: Path) -> None:
                 pickle.dump(batch, file, protocol=4)
             batch.clear()
 
+    pickled = 10  # number of sequences in a pickle: its reader holds all in memory
     for one in sequences:
         video = np.stack(list(one.images()))
         height, width = video.shape[1:3]
@@ -107,7 +104,7 @@ def _write_tapvid(sequences: Iterator[Loaded], out: Path) -> None:
             "points": np.swapaxes(points, 0, 1)[ever].astype(np.float32),
             "occluded": ~visible.T[ever],
         }
-        if len(batch) == _PICKLED:
+        if len(batch) == pickled:
             flush()
     flush()
 
@@ -176,12 +173,13 @@ def _annotation(one: Loaded, t: int, number: int) -> dict[str, object]:
 def _write_webdataset(sequences: Iterator[Loaded], out: Path) -> None:
     """Tar files of frames: KEY.png, KEY.json (values of frame and sequence), KEY.npz (markers)."""
     frames = _frames(sequences)
+    tarred = 1000  # number of frames in a tar file
     for number in count():
         first = next(frames, None)
         if first is None:
             return
         with tarfile.open(out / f"frames-{number:06d}.tar", "w") as tar:
-            for files in chain([first], islice(frames, _TARRED - 1)):
+            for files in chain([first], islice(frames, tarred - 1)):
                 for name, data in files.items():
                     _add(tar, name, data)
 

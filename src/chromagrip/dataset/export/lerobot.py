@@ -31,12 +31,6 @@ READ_FORCES = tuple(name for columns in INTERVALS.values() for name in columns)
 _ACTION = ("grip_n",)
 #: Name of every file: a dataset has one chunk with one file.
 _FILE = "chunk-000/file-000"
-#: Rate factor of x264; lower is better.
-_QUALITY = 12
-#: Pictures from one keyframe to the next, as in LeRobot's own videos.
-_KEYFRAMES = "2"
-#: Pictures of a sequence that its colours' mean and spread are computed from.
-_SAMPLED = 4
 
 Array = NDArray[np.float64]
 #: Columns of the table of frames.
@@ -114,6 +108,9 @@ def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, in
     tasks: list[str] = []
     film: VideoFile | None = None
     rate, shape, start = 0, (0, 0, 3), 0
+    quality = 12  # rate factor of x264; lower is better
+    keyframes = "2"  # pictures from one keyframe to the next, as in LeRobot's own videos
+    sampled = 4  # pictures of a sequence that its colours' mean and spread are computed from
     with ExitStack() as files:
         for one in sequences:
             own = one.scene.camera.rate_hz
@@ -124,7 +121,7 @@ def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, in
                     "number for all"
                 )
             if film is None:
-                film = files.enter_context(VideoFile(video, rate, _QUALITY, {"g": _KEYFRAMES}))
+                film = files.enter_context(VideoFile(video, rate, quality, {"g": keyframes}))
             task = str(one.values.get("motion", "press"))
             tasks += [] if task in tasks else [task]
             length = len(one.pictures)
@@ -132,7 +129,7 @@ def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, in
             for t, image in enumerate(one.images()):
                 shape = _one_shape(image, shape, one.number)
                 film.append(image)
-                if t % max(1, length // _SAMPLED) == 0:
+                if t % max(1, length // sampled) == 0:
                     colours.append(image.reshape(-1, 3) / 255.0)
             columns = _columns(one, len(episodes), start, tasks.index(task))
             tables.append(columns)

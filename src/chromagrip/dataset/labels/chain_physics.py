@@ -15,15 +15,8 @@ from .columns import columns_of
 from .laws import Array, Stored, Table, lawful_frames, lawful_markers
 from .shot import SLIPPING
 
-#: Tolerance of the balance of forces, as a share of the largest grip or load.
-_BALANCE = 0.05
-#: Tolerance of friction cones, as a share of the largest force, and at least [N].
-_SHARE, _LEAST = 1e-4, 1e-5
 #: Node whose force, or share of µ·Fn, is so near to a threshold may lie on either side of it.
 _NEAR = 1e-4
-#: Tolerance of the balance of forces on a node: of the largest force on one, and rounding of
-#: places [m].
-_NODE, _ROUNDED = 0.01, 4e-9
 
 
 class _Chain:
@@ -182,7 +175,9 @@ def _dahl(own: _Chain) -> Array:
 def wrong_chain(stored: Stored) -> Iterator[str]:
     """Yield frames with forces beyond friction, or out of balance."""
     own, again = _Chain.told(stored), _Chain.simulated(stored)
-    slack = np.maximum(_SHARE * abs(own.normal).max(axis=1, initial=0.0), _LEAST)[:, None]
+    # Tolerance of friction cones, as a share of the largest force, and at least [N].
+    share, least = 1e-4, 1e-5
+    slack = np.maximum(share * abs(own.normal).max(axis=1, initial=0.0), least)[:, None]
     for k, i in np.argwhere(~(own.normal >= 0.0))[:1]:
         yield f"frame {k}: node_normal_n[{i}] is {own.normal[k, i]:.3g}, which is negative"
     held = np.maximum(stored.markers["node_mu"] * own.normal, own.held)
@@ -209,9 +204,12 @@ def _unbalanced_nodes(own: _Chain, again: _Chain) -> Iterator[str]:
     stiff = ch.tissue.copy()
     stiff[:-1] += ch.membrane
     stiff[1:] += ch.membrane
-    slack = _NODE * np.hypot(own.normal, own.friction).max(axis=1, keepdims=True)
+    # Tolerance of the balance of forces on a node: of the largest force on one, and rounding of
+    # places [m].
+    share, rounded_m = 0.01, 4e-9
+    slack = share * np.hypot(own.normal, own.friction).max(axis=1, keepdims=True)
     off = _off(own, stiff)
-    for k, i in np.argwhere(~(off <= slack + _ROUNDED * stiff + 2.0 * _off(again, stiff)))[:1]:
+    for k, i in np.argwhere(~(off <= slack + rounded_m * stiff + 2.0 * _off(again, stiff)))[:1]:
         yield (
             f"frame {k}: node_x_mm[{i}], node_z_mm[{i}]: springs do not balance node_normal_n and "
             f"node_friction_n there, by {off[k, i]:.2g} N"
@@ -273,7 +271,8 @@ def unbalanced_impulses(drive: Array, own: Array, again: Array) -> Iterator[str]
     drive: load and grip of each frame [N], shape (T, 2)
     own, again: missing impulses of what is stored, and of the scene simulated again
     """
-    slack = _BALANCE * abs(drive).max()
+    balance = 0.05  # tolerance of the balance of forces, as a share of the largest grip or load
+    slack = balance * abs(drive).max()
     for k, axis in np.argwhere(~(abs(own - again) <= slack))[:1]:
         names = ("load_n, node_friction_n, object_mm", "grip_n, node_normal_n, rigid_part_mm")
         yield (

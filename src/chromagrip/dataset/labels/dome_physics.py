@@ -20,23 +20,6 @@ from .shot import SLIPPING
 
 Flags = NDArray[np.bool_]
 
-#: Tolerance of directions and of friction across them, as a share of the sum of all forces, and at
-#: least [N].
-_SHARE, _LEAST = 1e-4, 1e-5
-#: Tolerance of a node's share of the friction limit, where it is said to slip or not.
-_CONE = 2e-3
-#: Nodes with less than this share of all force may count as in contact or not.
-_TOUCHING = 1.01e-6
-#: Tolerance of the way of a node that sticks [m], and how much longer it is than `presliding` where
-#: friction turns as it grows.
-_STUCK, _TURNS = 1e-6, 2.0
-#: Nodes whose ways are looked at: growth of the normal force, and its share of the largest.
-_STEADY, _FIRM = 1.02, 0.1
-#: Friction turned by less than this since the frame before: cosine.
-_STRAIGHT = 0.9
-#: Relative residual to which forces on the silicone are found from its displacement.
-_SOLVED = 1e-7
-
 
 class _Dome:
     """Places and forces of a sequence's nodes, in SI units.
@@ -160,7 +143,9 @@ def lawful_dome(stored: Stored) -> tuple[Table, Table]:
 def _markers(own: _Dome, stored: Stored) -> Table:
     pressed, again = own.normal > 0.0, _Dome.simulated(stored)
     whole = np.maximum(own.normal.sum(axis=1, keepdims=True), 1e-9)
-    either = pressed & (own.normal < _TOUCHING * whole)
+    # Nodes with less than this share of all force may count as in contact or not.
+    touching = 1.01e-6
+    either = pressed & (own.normal < touching * whole)
     known = np.stack([of_dome(sample.contact)[1].carried for sample in stored.again])
     forces = _carried(own, np.asarray(known.any(axis=-1)))
     field, rest = skin_field(own.body), lattice(own.body).points
@@ -205,6 +190,8 @@ def _carried(own: _Dome, loaded: Flags) -> Array:
     """
     rest, field = lattice(own.body).points, skin_field(own.body)
     forces = np.zeros(own.places.shape)
+    # Relative residual to which forces on the silicone are found from its displacement.
+    solved = 1e-7
     for k, some in enumerate(map(np.flatnonzero, loaded)):
         if not len(some):
             continue
@@ -215,7 +202,7 @@ def _carried(own: _Dome, loaded: Flags) -> Array:
             scipy.sparse.linalg.aslinearoperator(matrix),
             moved,
             first.ravel(),
-            rtol=_SOLVED,
+            rtol=solved,
             maxiter=10 * len(moved),
         )
         forces[k, some] = found.reshape(-1, 3)
@@ -243,22 +230,27 @@ def wrong_dome(stored: Stored, driven: bool) -> Iterator[str]:
 
 def _wrong_forces(own: _Dome, k: int, mu: float) -> Iterator[str]:
     normal, direction, friction, on = own.normal[k], own.direction[k], own.friction[k], own.on[k]
-    slack = max(_SHARE * float(abs(normal).sum()), _LEAST)
+    # Tolerance of directions and of friction across them, as a share of the sum of all forces, and
+    # at least [N].
+    slack_share, slack_least = 1e-4, 1e-5
+    slack = max(slack_share * float(abs(normal).sum()), slack_least)
     sizes, held = np.linalg.norm(friction, axis=1), mu * normal
     if not (normal >= 0.0).all():
         yield "node_normal_n is negative on a node"
-    if not (sizes <= (1.0 + _CONE) * held + slack / 100.0).all():
+    # Tolerance of a node's share of the friction limit, where it is said to slip or not.
+    cone_error = 2e-3
+    if not (sizes <= (1.0 + cone_error) * held + slack / 100.0).all():
         yield "node_friction_x_n … on a node is more than µ times its normal force"
-    if not (abs(np.linalg.norm(direction[on], axis=1) - 1.0) <= _SHARE).all():
+    if not (abs(np.linalg.norm(direction[on], axis=1) - 1.0) <= slack_share).all():
         yield "node_direction_x … of a node's normal force is not of length 1"
     if not (abs((direction * friction).sum(axis=1)) <= slack / 10.0).all():
         yield "node_friction_x_n … on a node is not across its normal force"
     share = np.divide(sizes, held, out=np.zeros_like(sizes), where=held > 0.0)
-    if (share[own.slips[k]] < SLIPPING - _CONE).any():
+    if (share[own.slips[k]] < SLIPPING - cone_error).any():
         least = share[own.slips[k]].min()
         yield f"node_slips of a node with {least:.3f} of the friction that it holds"
     stick = on & ~own.slips[k]
-    if (share[stick] > SLIPPING + _CONE).any():
+    if (share[stick] > SLIPPING + cone_error).any():
         most = share[stick].max()
         yield f"node_slips is not set of a node with {most:.3f} of the friction that it holds"
 
@@ -271,19 +263,24 @@ def _wrong_way(own: _Dome, k: int) -> Iterator[str]:
     """
     normal, slips, direction = own.normal, own.slips, own.direction[k]
     moved = (own.seen[k] - own.seen[k - 1]) @ own.turns[k].T
+    # Nodes whose ways are looked at: growth of the normal force, and its share of the largest.
+    growth, firm_share = 1.02, 0.1
     # A node may have slipped between two frames while it was pressed less.
-    steady = own.on[k] & own.on[k - 1] & (normal[k] <= _STEADY * normal[k - 1])
-    steady &= normal[k] > _FIRM * normal[k].max()
+    steady = own.on[k] & own.on[k - 1] & (normal[k] <= growth * normal[k - 1])
+    steady &= normal[k] > firm_share * normal[k].max()
     along = moved - direction * (moved * direction).sum(axis=1, keepdims=True)
     way = np.linalg.norm(along, axis=1)
     stick = steady & ~slips[k] & ~slips[k - 1]
-    longest = _TURNS * presliding(own.solids[k], normal[k] / own.areas[k]) + _STUCK
+    stuck_m = 1e-6  # tolerance of the way of a node that sticks [m]
+    turns = 2.0  # it is so much longer than `presliding` where friction turns as it grows
+    longest = turns * presliding(own.solids[k], normal[k] / own.areas[k]) + stuck_m
     if (over := (way - longest)[stick]).size and over.max() > 0.0:
         yield f"a node without node_slips moves {1e6 * way[stick][over.argmax()]:.3g} µm"
     slid = steady & slips[k] & slips[k - 1] & (way > longest)
     before, now = own.friction[k - 1], own.friction[k]
     sizes = np.linalg.norm(before, axis=1) * np.linalg.norm(now, axis=1)
-    slid &= (before * now).sum(axis=1) > _STRAIGHT * sizes
+    straight = 0.9  # friction turned by less than this since the frame before: cosine
+    slid &= (before * now).sum(axis=1) > straight * sizes
     if ((along * now).sum(axis=1)[slid] > 0.0).any():
         yield "friction pulls a node the way it slips"
 

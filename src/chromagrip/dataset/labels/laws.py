@@ -20,12 +20,6 @@ Array = NDArray[np.float64]
 #: Columns by name: values of every frame, shape (T,), (T, 2M), (T, M) or (T, N).
 Table = dict[str, NDArray[Any]]
 
-#: Γ may be below 0 by this much in gross slip, where friction is found by iteration.
-_OVER = 1e-3
-#: Rounding of what carries the skin: of places [m], and of forces that make them [N]; and how much
-#: further than this moves a marker it may be.
-_ROUNDED, _OPEN = 2e-9, 4.0
-
 
 @dataclass(frozen=True, kw_only=True)
 class Stored:
@@ -146,7 +140,8 @@ def lawful_frames(stored: Stored, fields: list[ForceField], slips: NDArray[np.bo
 
 def impossible(frames: Table) -> Iterator[str]:
     """Yield frames whose friction holds more than it can."""
-    for k in np.flatnonzero(frames["margin"] < -_OVER)[:1]:
+    over = 1e-3  # Γ may be below 0 by this much in gross slip, where friction is found by iteration
+    for k in np.flatnonzero(frames["margin"] < -over)[:1]:
         yield f"frame {k}: margin is {frames['margin'][k]:.3g}: friction holds more than it can"
 
 
@@ -162,7 +157,9 @@ def lawful_markers(stored: Stored, body: int | SoftBody, carried: list[Array]) -
     scene, design = stored.scene, stored.scene.build_sensor()
     membrane = _specimen(scene.sensor, body, scene.defects, scene.seed)
     unloaded = marker_truth(design, membrane(np.zeros_like(carried[0])))
-    turn = np.random.default_rng(0).choice([-_ROUNDED, _ROUNDED], carried[0].shape)
+    # Rounding of what carries the skin: of places [m], and of forces that make them [N].
+    rounded = 2e-9
+    turn = np.random.default_rng(0).choice([-rounded, rounded], carried[0].shape)
 
     def labels(of: Array) -> list[dict[str, NDArray[Any]]]:
         truths = [
@@ -171,12 +168,13 @@ def lawful_markers(stored: Stored, body: int | SoftBody, carried: list[Array]) -
         return [marker_labels(truth, unloaded) for truth in truths]
 
     rows = []
+    times = 4.0  # it may be so much further than this moves a marker
     for k, one in enumerate(carried):
         exact, *near = labels(one)
         for name, values in exact.items():
             told = stored.markers[name][k]
             # A marker seen from its side, or at the border, is where rounding puts it.
-            open_to = _OPEN * np.ptp([one[name].astype(float) for one in (exact, *near)], axis=0)
+            open_to = times * np.ptp([one[name].astype(float) for one in (exact, *near)], axis=0)
             within = np.clip(told, values - open_to, values + open_to)
             exact[name] = np.where((open_to > 0.0) & np.isfinite(told), within, values)
             exact[name] = exact[name].astype(values.dtype)

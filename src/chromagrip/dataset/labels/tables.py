@@ -18,22 +18,17 @@ if TYPE_CHECKING:
 
 #: What to do about a damaged file of a dataset.
 MEND = "copy the dataset again, or make it again with dataset make --resume"
-#: Largest table in memory [bytes], estimated before it is decoded.
-_MOST_BYTES = 2**30
-#: Bytes of a value in memory, about.
-_WIDTH = 4
-#: Columns of frames and of lists that are no floating-point numbers.
-_WHOLE, _WORDS = ("frame", "contact_nodes"), ("slip_state",)
-_FLAGS = ("visible", "node_contact", "node_slips")
 
 
 def frame_types(columns: Columns) -> "dict[str, pa.DataType]":
     """Arrow type of each column of `frames.parquet`."""
     pa = need("pyarrow", "data")
+    # Columns of frames and of lists that are no floating-point numbers.
+    whole, words = ("frame", "contact_nodes"), ("slip_state",)
     kinds = {
         **dict.fromkeys(columns.frame, "float64"),
-        **dict.fromkeys(_WHOLE, "int32"),
-        **dict.fromkeys(_WORDS, "string"),
+        **dict.fromkeys(whole, "int32"),
+        **dict.fromkeys(words, "string"),
         **{name: FORCES[of][0] for name, of in READING.items()},
     }
     return {name: pa.type_for_alias(kinds[name]) for name in columns.frame}
@@ -43,8 +38,9 @@ def marker_types(columns: Columns) -> "dict[str, pa.DataType]":
     """Arrow type of each column of `markers.parquet`; lists of a row have any one length."""
     pa = need("pyarrow", "data")
     lists = (*columns.markers, *columns.nodes)
+    flags = ("visible", "node_contact", "node_slips")
     return {"frame": pa.int32()} | {
-        name: pa.list_(pa.bool_() if name in _FLAGS else pa.float32()) for name in lists
+        name: pa.list_(pa.bool_() if name in flags else pa.float32()) for name in lists
     }
 
 
@@ -144,11 +140,13 @@ def damaged(path: Path, reason: str) -> UserError:
 def _check_size(path: Path, metadata: Any) -> None:
     """Refuse a table that takes more memory than a sequence does; a small file may say so."""
     size = 0
+    width = 4  # bytes of a value in memory, about
     for group in map(metadata.row_group, range(metadata.num_row_groups)):
         for column in map(group.column, range(group.num_columns)):
-            size += max(_WIDTH * column.num_values, column.total_uncompressed_size)
-    if size > _MOST_BYTES:
-        most = f"{_MOST_BYTES / 1e9:.1f} GB"
+            size += max(width * column.num_values, column.total_uncompressed_size)
+    most_bytes = 2**30  # largest table in memory [bytes], estimated before it is decoded
+    if size > most_bytes:
+        most = f"{most_bytes / 1e9:.1f} GB"
         raise damaged(path, f"it would take {size / 1e9:.1f} GB of memory, more than {most}")
 
 

@@ -21,12 +21,6 @@ Colour = tuple[int, int, int]
 
 Curves = dict[str, list[float]]
 
-#: Lowest and highest drawn margin.
-MARGINS = (-0.15, 1.05)
-#: Highest force of the axes at first; it grows by steps [N].
-FIRST_FORCE = 5.0
-#: Pixels of an inch in matplotlib.
-_DPI = 100
 #: Columns of a trace drawn for each finger.
 MARGIN_NAMES = (
     "margin_true",
@@ -46,7 +40,9 @@ def _rgb(colour: str) -> Colour:
 
 
 #: Colours of the truth, the estimates and further lines, and of the estimates' intervals.
-TRUTH, SEEN, OTHER = _rgb(TRUE), _rgb(ESTIMATED), _rgb(LOAD)
+TRUTH = _rgb(TRUE)
+SEEN = _rgb(ESTIMATED)
+OTHER = _rgb(LOAD)
 _BAND = "#f6decb"
 BAND = _rgb(_BAND)
 
@@ -123,7 +119,8 @@ class CoursePlot:
         self, size: tuple[int, int], duration: float, desired: float | None, kind: str
     ) -> None:
         self._size, self._duration, self._desired, self._kind = size, duration, desired, kind
-        self._most = FIRST_FORCE
+        first_force = 5.0  # highest force of the axes at first; it grows by steps [N]
+        self._most = first_force
         self.panels: tuple[Panel, ...]
         self._empty: Image
         self._draw_axes()
@@ -162,17 +159,19 @@ class CoursePlot:
         from matplotlib.patches import Patch
 
         width, height = self._size
-        figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
+        dpi = 100  # pixels of an inch in matplotlib
+        figure = Figure(figsize=(width / dpi, height / dpi), dpi=dpi)
         canvas: Any = FigureCanvasAgg(figure)
         grid = figure.subplots(1, 3)
         figure.subplots_adjust(left=0.045, right=0.985, bottom=0.2, top=0.8, wspace=0.16)
+        margin_range = (-0.15, 1.05)  # lowest and highest drawn margin
         for axes, title in zip(
             grid, ("margins, finger 1", "margins, finger 2", "force"), strict=True
         ):
             axes.set_xlim(0.0, self._duration)
             axes.set_xlabel("time [s]", fontsize=9, labelpad=1)
             axes.set_ylabel(f"{title} [N]" if title == "force" else title, fontsize=9)
-            axes.set_ylim(*((0.0, self._most) if title == "force" else MARGINS))
+            axes.set_ylim(*((0.0, self._most) if title == "force" else margin_range))
             axes.tick_params(labelsize=8)
             axes.grid(alpha=0.25, lw=0.5)
             axes.spines[["top", "right"]].set_visible(False)

@@ -14,13 +14,6 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-#: Distance at which a ray has met a shape [px].
-_MET = 0.2
-#: Brightness of a surface that the light does not reach.
-_DARK = 0.45
-#: Background, RGB.
-_PAPER = 255
-
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
@@ -116,9 +109,12 @@ def draw_bodies(bodies: Sequence[Body], view: Viewpoint) -> Image:
     light = 0.35 * view.up + 0.25 * view.right + view.towards
     light /= np.linalg.norm(light)
     nearest = np.full((view.height, view.width), -np.inf)
-    picture = np.full((view.height, view.width, 3), _PAPER, np.uint8)
+    paper = 255  # background, RGB
+    picture = np.full((view.height, view.width, 3), paper, np.uint8)
     left, top = -0.5 * (view.width - 1), 0.5 * (view.height - 1)
     corner = view.middle + view.pixel * (left * view.right + top * view.up)
+    met = 0.2  # distance at which a ray has met a shape [px]
+    dark = 0.45  # brightness of a surface that the light does not reach
     for body in bodies:
         shape, own = body.shape, body.rotation.T
         above = np.zeros(3) if body.above is None else np.ascontiguousarray(body.above, float)
@@ -128,8 +124,8 @@ def draw_bodies(bodies: Sequence[Body], view: Viewpoint) -> Image:
         draw_solid(
             shape.kind, shape.numbers, shape.grid, shape.origin, shape.cells, reach,
             own @ (corner - body.place), own @ (view.pixel * view.right),
-            own @ (-view.pixel * view.up), own @ view.towards, _MET * view.pixel, own @ light,
-            _DARK, np.array(body.colour, float), above, np.array(body.other, float),
+            own @ (-view.pixel * view.up), own @ view.towards, met * view.pixel, own @ light,
+            dark, np.array(body.colour, float), above, np.array(body.other, float),
             _window(body, view), nearest, picture,
         )  # fmt: skip
     return picture

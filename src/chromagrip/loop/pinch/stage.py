@@ -16,29 +16,16 @@ from .scene_picture import Body, Colour, Viewpoint, draw_bodies, look_from
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Colours of both fingers' silicone, of their housings, of the table, and of the object's halves.
+#: Colours of both fingers' silicone, and of the table.
 FINGER_COLOURS: tuple[Colour, Colour] = (70, 130, 200), (90, 160, 110)
-HOUSING: Colour = (85, 88, 95)
 TABLE: Colour = (190, 178, 160)
-LOWER: Colour = (214, 150, 60)
-UPPER: Colour = (250, 214, 130)
 #: Colours of lines and marks.
 INK: Colour = (60, 60, 60)
-PALE: Colour = (150, 150, 150)
-#: Angle of the view downwards [rad].
-ABOVE = 0.3
-#: Length of a finger's housing, as a share of its radius.
-_HOUSING = 1.1
-#: Free border around the path, as a share of the picture.
-_FREE = 0.06
-#: Thickness of the table, and its border around the object [m].
-_TABLE, _BORDER = 6e-3, 2e-3
-#: Number of instants of the path that the picture must hold.
-_INSTANTS = 120
 #: Place of the scale of heights from the left [px].
 _SCALE = 40
 
-DOWN, AXIS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+DOWN = np.array([1.0, 0.0, 0.0])
+AXIS = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,8 +67,7 @@ def set_stage(
     """
     base = bases(pinch)
     bodies = [
-        _posed(pinch, base, pinch.hand.at(time), 0.0)
-        for time in np.linspace(0.0, duration, _INSTANTS)
+        _posed(pinch, base, pinch.hand.at(time), 0.0) for time in np.linspace(0.0, duration, 120)
     ]
     table = _table(pinch, bodies[0][0]) if pinch.table else None
     ends = np.concatenate(
@@ -171,9 +157,11 @@ def _posed(
     bodies = [
         Body(
             shape=pinch.solid.shape, place=origin + turn @ place, rotation=turn @ rotation,
-            colour=LOWER, above=start.T @ -DOWN, other=UPPER,
+            colour=(214, 150, 60), above=start.T @ -DOWN, other=(250, 214, 130),
         )
     ]  # fmt: skip
+    # Turns a shape's own y axis along −z.
+    standing = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     for k, dome in enumerate((pinch.first, pinch.second)):
         facing = np.diag(FACING) if k else np.eye(3)
         inwards = facing @ AXIS
@@ -182,14 +170,10 @@ def _posed(
             bodies.append(
                 Body(
                     shape=shape, place=middle - depth * (turn @ inwards),
-                    rotation=turn @ facing @ _STANDING, colour=colour,
+                    rotation=turn @ facing @ standing, colour=colour,
                 )
             )  # fmt: skip
     return bodies
-
-
-#: Turns a shape's own y axis along −z.
-_STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 #: Shape of the silicone of each body, and its depth below the fingertip's origin [m].
@@ -206,18 +190,20 @@ def _parts(dome: SoftBody, colour: Colour) -> tuple[tuple[Shape, float, Colour],
     """Shapes of silicone and housing, with their depth below the fingertip's origin [m]."""
     radius = dome.radius
     silicone, below = _SILICONE[type(dome)](dome)
-    length = _HOUSING * radius
+    housing_length = 1.1  # length of a finger's housing, as a share of its radius
+    length = housing_length * radius
     housing = cylinder(1.02 * radius, length, 0.02 * radius)
-    return (silicone, below, colour), (housing, 2 * below + 0.5 * length, HOUSING)
+    return (silicone, below, colour), (housing, 2 * below + 0.5 * length, (85, 88, 95))
 
 
 def _table(pinch: Pinch, start: Body) -> Body:
     """Slab right below the object at the start, narrow enough for the fingers."""
-    y, z = np.ptp(start.corners[:, 1:], axis=0) + 2.0 * _BORDER
+    thickness, border = 6e-3, 2e-3  # of the table, and around the object [m]
+    y, z = np.ptp(start.corners[:, 1:], axis=0) + 2.0 * border
     # Turned so that the world's x is the shape's z, which `reach_down` measures.
     low = reach_down(start.shape, np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) @ start.rotation)
-    place = start.place + (low + 0.5 * _TABLE) * DOWN
-    return Body(shape=box((_TABLE, y, z)), place=place, rotation=np.eye(3), colour=TABLE)
+    place = start.place + (low + 0.5 * thickness) * DOWN
+    return Body(shape=box((thickness, y, z)), place=place, rotation=np.eye(3), colour=TABLE)
 
 
 def _reach(shape: Shape) -> float:
@@ -226,10 +212,12 @@ def _reach(shape: Shape) -> float:
 
 def _holding(points: Array, size: tuple[int, int]) -> Viewpoint:
     """Viewpoint in front of the pinch that shows all points and the scale at the left."""
-    guess = look_from(np.zeros(3), AXIS, -DOWN, above=ABOVE, size=size, span=1.0)
+    view_angle = 0.3  # angle of the view downwards [rad]
+    guess = look_from(np.zeros(3), AXIS, -DOWN, above=view_angle, size=size, span=1.0)
     across, up = points @ guess.right, points @ guess.up
     width, height = size[0] - _SCALE, size[1]
-    pixel = max(np.ptp(across) / width, np.ptp(up) / height) / (1.0 - 2.0 * _FREE)
+    free_border = 0.06  # free border around the path, as a share of the picture
+    pixel = max(np.ptp(across) / width, np.ptp(up) / height) / (1.0 - 2.0 * free_border)
     middle = 0.5 * (across.min() + across.max()) - 0.5 * _SCALE * pixel
     return Viewpoint(
         middle=middle * guess.right + 0.5 * (up.min() + up.max()) * guess.up,
@@ -257,7 +245,7 @@ def _draw_heights(picture: Image, stage: Stage, centre: Array) -> None:
         picture, "mm", (_SCALE - 10, top - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.4, INK, 1, cv2.LINE_AA
     )
     column, row = _pixel(view, centre)
-    cv2.line(picture, (_SCALE + 8, row), (column, row), PALE, 1, cv2.LINE_AA)
+    cv2.line(picture, (_SCALE + 8, row), (column, row), (150, 150, 150), 1, cv2.LINE_AA)
     tip = np.array([[_SCALE + 2, row], [_SCALE + 11, row - 5], [_SCALE + 11, row + 5]], np.int32)
     cv2.fillPoly(picture, [tip], INK, cv2.LINE_AA)
     draw_mass(picture, (column, row))

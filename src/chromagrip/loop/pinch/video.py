@@ -24,8 +24,10 @@ from .stage import FINGER_COLOURS, INK, draw_along, draw_side, set_stage
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-#: Width and height of a picture [px].
-WIDTH, HEIGHT = 1280, 720
+#: Width of a picture [px].
+WIDTH = 1280
+#: Height of a picture [px].
+HEIGHT = 720
 #: Height of the line of text above [px].
 HEAD = 32
 #: Side of a camera's picture and of a traction [px].
@@ -34,16 +36,8 @@ SIDE = 232
 ZOOM = 2
 #: Width and height of the scene from the side [px].
 SCENE = (1280 - 3 * SIDE, 2 * SIDE)
-#: Height of the text below the view along the pinch [px].
-CAPTION = 22
 #: Size of the plots [px].
 PLOTS = (WIDTH, HEIGHT - HEAD - 2 * SIDE)
-#: Colours of an outcome: held, and any other.
-GOOD: Colour = (30, 120, 60)
-BAD: Colour = (200, 40, 40)
-#: Colour of the frame of a traction.
-FRAME: Colour = (215, 215, 215)
-_WHITE = 255
 
 
 class PinchVideo(VideoFile):
@@ -62,7 +56,8 @@ class PinchVideo(VideoFile):
         super().__init__(path, FPS, QUALITY, SEEKABLE)
         self._scene, self._camera = scene, scene.path == "camera"
         pinch = build_pinch(scene)
-        self.stage = set_stage(pinch, scene.duration_s, SCENE, (SIDE, SIDE - CAPTION))
+        caption = 22  # height of the text below the view along the pinch [px]
+        self.stage = set_stage(pinch, scene.duration_s, SCENE, (SIDE, SIDE - caption))
         domes = [each.build_sensor().dome for each in fingers(scene)] if self._camera else []
         self._tractions = [
             TractionPicture(dome, ZOOM * SIDE) for dome in domes or (pinch.first, pinch.second)
@@ -91,7 +86,7 @@ class PinchVideo(VideoFile):
 
     def compose(self, sample: Sample, frames: Sequence[Frame]) -> Image:
         """Compose the picture of a frame, RGB, (720, 1280, 3)."""
-        whole = np.full((HEIGHT, WIDTH, 3), _WHITE, np.uint8)
+        whole = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
         tractions = self._draw_tractions(sample)
         for k, left in enumerate((0, WIDTH - SIDE)):
             camera = _upright(frames[k].image)
@@ -146,11 +141,11 @@ class PinchVideo(VideoFile):
         right, row = SIDE - 8, SIDE - 8
         cv2.line(turned, (round(right - 5e-3 * pixels), row), (right, row), INK, 2)
         write(turned, "5 mm", (right - 36, row - 6), INK)
-        cv2.rectangle(turned, (0, 0), (SIDE - 1, SIDE - 1), FRAME, 1)
+        cv2.rectangle(turned, (0, 0), (SIDE - 1, SIDE - 1), (215, 215, 215), 1)
         return turned
 
     def _legend(self, sample: Sample) -> Image:
-        legend = np.full((SIDE, SIDE, 3), _WHITE, np.uint8)
+        legend = np.full((SIDE, SIDE, 3), 255, np.uint8)
         truth = sample.pinch.record
         lines = (
             "the object in truth:",
@@ -174,11 +169,12 @@ class PinchVideo(VideoFile):
         scene = self._scene
         outcome = sample.pinch.record.outcome(scene.pinch.limits)
         weight = 9.81 * self.stage.pinch.body_at(sample.time).mass
+        good, bad = (30, 120, 60), (200, 40, 40)
         words = (
             (f"t = {sample.time:.2f} s", 8, STICKS),
             (f"grip {sample.grip:.2f} N", 180, STICKS),
             (f"weight {weight:.2f} N", 350, STICKS),
-            (f"so far: {outcome}", 530, GOOD if outcome == OUTCOMES[0] else BAD),
+            (f"so far: {outcome}", 530, good if outcome == OUTCOMES[0] else bad),
             (f"{scene.controller}, {scene.path} path", 720, INK),
             (f"shown {SLOWDOWN} times slower", 1065, INK),
         )

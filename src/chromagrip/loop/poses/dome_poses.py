@@ -19,18 +19,6 @@ from .poses import OF_EACH, Entry, Settled, Shot, rounded, sums_of
 
 Array = NDArray[np.float64]
 
-#: Longest step of a press or a shear [m] and of a twist [rad], and the least number of steps.
-STEP, TURN, FEWEST = 20e-6, math.radians(0.5), 12
-#: Under forces the object creeps: times to apply them and to come to rest, and longest step [s].
-LOADING, RESTING, CREEP = 1.0, 1.0, 5e-3
-#: Dampers of an object under forces [N·s/m, N·m·s]; they have no effect at rest.
-DRAG = (5.0, 5.0, 5.0, 1e-4, 1e-4, 1e-4)
-#: Longest motion of an object along an axis [m], and about the dome's axis [rad].
-_FAR, _TURNS = 1.0, 20.0 * math.pi
-#: Decimals of forces [N] and torques [N·mm]; further ones are errors of the solver.
-_FORCE_DIGITS, _TORQUE_DIGITS = 5, 4
-#: Share of the friction limit above which a node slips.
-SLIPPING = 0.999
 
 #: Arrays of a truth file of a dome of silicone, in order.
 DOME_ARRAYS = OF_EACH | {
@@ -119,10 +107,12 @@ class DomePose:
         torque = [1e3 * field.torque(axis) for axis in np.eye(3)]
         outwards = lattice(scene.build_dome()).outwards
         deepest = -1e3 * float(np.einsum("ij,ij->i", shot.seen, outwards).min())
-        return sums_of(field, friction, _FORCE_DIGITS) | {
-            "limit_margin": rounded(limit, _FORCE_DIGITS) if np.isfinite(limit) else None,
-            "force_n": [rounded(force, _FORCE_DIGITS) for force in field.total_force.tolist()],
-            "torque_nmm": [rounded(part, _TORQUE_DIGITS) for part in torque],
+        force_digits = 5  # decimals of forces [N]; further ones are errors of the solver
+        torque_digits = 4  # decimals of torques [N·mm]
+        return sums_of(field, friction, force_digits) | {
+            "limit_margin": rounded(limit, force_digits) if np.isfinite(limit) else None,
+            "force_n": [rounded(force, force_digits) for force in field.total_force.tolist()],
+            "torque_nmm": [rounded(part, torque_digits) for part in torque],
             "deepest_mm": rounded(deepest, 4),
         }
 
@@ -138,7 +128,8 @@ class DomePose:
         """Arrays of displacements, forces, and the object's place."""
         field, state = _forces(shot), cast("DomeState", shot.settled.state)
         assert shot.traction is not None
-        slips = field.friction_sizes > SLIPPING * shot.settled.friction * field.normal
+        slipping = 0.999  # share of the friction limit above which a node slips
+        slips = field.friction_sizes > slipping * shot.settled.friction * field.normal
         pixels = np.nan_to_num(abs(shot.traction)).max(axis=-1)
         return [
             shot.seen, field.position, field.normal, field.friction, field.contact,
@@ -180,10 +171,12 @@ def settle_dome(scene: Scene, pose: DomePose) -> tuple[DomeState, ForceField]:
 
 def _refuse_far(pose: DomePose) -> None:
     """Refuse a motion that would take too long to compute."""
-    if max(abs(pose.press), *map(abs, pose.shear)) > _FAR or abs(pose.twist) > _TURNS:
+    far_m = 1.0  # longest motion of an object along an axis [m]
+    most_turned = 20.0 * math.pi  # longest turn about the dome's axis [rad]
+    if max(abs(pose.press), *map(abs, pose.shear)) > far_m or abs(pose.twist) > most_turned:
         raise UserError(
-            f"press and shear must be at most {1e3 * _FAR:g} mm, the twist at most "
-            f"{math.degrees(_TURNS):g}°"
+            f"press and shear must be at most {1e3 * far_m:g} mm, the twist at most "
+            f"{math.degrees(most_turned):g}°"
         )
 
 
@@ -203,7 +196,7 @@ def path_to(scene: Scene, pose: DomePose) -> Array:
     beginning[2] += rise_beside(
         scene.build_dome(), scene.build_solid(), turned.as_matrix(), (beginning[0], beginning[1])
     )
-    parts = max(FEWEST, math.ceil(abs(pose.twist) / math.radians(3.0)))
+    parts = max(12, math.ceil(abs(pose.twist) / math.radians(3.0)))
     share = np.arange(1, parts + 1) / parts
     pressed = np.concatenate([[0.0, 1.0], np.ones(parts)])
     moved = np.concatenate([[0.0, 0.0], share])
@@ -222,10 +215,12 @@ def _motion(scene: Scene, pose: DomePose) -> tuple[Motion, float]:
     """Path to a pose, and the longest step on it [s]."""
     poses = path_to(scene, pose)
     parts = len(poses) - 2
+    # Longest step of a press or a shear [m] and of a twist [rad].
+    step, turn = 20e-6, math.radians(0.5)
     if pose.force is None and pose.moment is None:
-        steps = max(FEWEST, math.ceil(pose.press / STEP))
+        steps = max(12, math.ceil(pose.press / step))
         further = max(
-            parts, math.ceil(math.hypot(*pose.shear) / STEP), math.ceil(abs(pose.twist) / TURN)
+            parts, math.ceil(math.hypot(*pose.shear) / step), math.ceil(abs(pose.twist) / turn)
         )
         times = np.concatenate(
             [[0.0, float(steps)], steps + further * np.arange(1, parts + 1) / parts]
@@ -240,9 +235,13 @@ def _motion(scene: Scene, pose: DomePose) -> tuple[Motion, float]:
     if pose.moment is not None:
         free.append("rz")
         loads[2:, 5] = pose.moment
-    times = np.array([0.0, LOADING, 2.0 * LOADING, 2.0 * LOADING + RESTING])
+    # Under forces the object creeps: times to apply them and to come to rest [s].
+    loading_s, resting_s = 1.0, 1.0
+    times = np.array([0.0, loading_s, 2.0 * loading_s, 2.0 * loading_s + resting_s])
     path = np.stack([poses[0], poses[1], poses[-1], poses[-1]])
-    return Motion(times=times, poses=path, free=tuple(free), loads=loads, drag=DRAG), CREEP
+    # Dampers of an object under forces [N·s/m, N·m·s]; they have no effect at rest.
+    drag = (5.0, 5.0, 5.0, 1e-4, 1e-4, 1e-4)
+    return Motion(times=times, poses=path, free=tuple(free), loads=loads, drag=drag), 5e-3
 
 
 def _check_rest(state: DomeState, pose: DomePose) -> None:

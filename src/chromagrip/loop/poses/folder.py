@@ -22,8 +22,6 @@ from .poses import AnyPose, Entry, Settled, Shot
 from .preview import draw_preview
 
 FORMAT = "chromagrip render 1"
-#: First line of the scene.
-_SCENE = "Everything these pictures were made from except their poses, which are in poses.json"
 #: Folder of the previews, so that they are not read as frames of another size.
 PREVIEWS = "previews"
 
@@ -76,6 +74,8 @@ def render_poses(
     for pose in poses:
         settled.append(pose.settled(scene))
         progress(0, len(poses))
+    # First line of the scene.
+    begin = "Everything these pictures were made from except their poses, which are in poses.json"
     with prepared(out, overwrite):
         if out is not None:
             (out / PREVIEWS).mkdir(exist_ok=True)
@@ -103,7 +103,7 @@ def render_poses(
                 "versions": versions(),
             }
             if out is not None:
-                said = _SCENE + (f"; {again} takes them again" if again else "")
+                said = begin + (f"; {again} takes them again" if again else "")
                 (out / "scene.toml").write_text(scene_text(scene, said), encoding="utf-8")
                 camera = camera_text(scene.build_sensor().view.camera)
                 (out / "camera.yml").write_text(camera, encoding="utf-8")

@@ -17,11 +17,6 @@ from .dome_poses import DomePose, path_to
 
 Array = NDArray[np.float64]
 
-#: Share of a scene's duration in which the object is pressed; then it is moved.
-PRESSING = 0.4
-#: Longest step of the silicone: motion [m] and turn [rad] of the object.
-STEP, TURN = 50e-6, math.radians(1.5)
-
 
 def moves(scene: Scene, pose: DomePose) -> Iterator[Contact]:
     """Yield the contact at every frame of a scene whose object is pressed, sheared and twisted.
@@ -51,7 +46,9 @@ def moves(scene: Scene, pose: DomePose) -> Iterator[Contact]:
 
 def _timed(poses: Array, duration: float) -> Motion:
     """Motion along poses; the second one is reached at the end of the press."""
-    share = np.linspace(PRESSING, 1.0, len(poses) - 1)
+    # Share of a scene's duration in which the object is pressed; then it is moved.
+    pressing_share = 0.4
+    share = np.linspace(pressing_share, 1.0, len(poses) - 1)
     return Motion(times=duration * np.concatenate([[0.0], share]), poses=poses)
 
 
@@ -60,6 +57,8 @@ def _ends(motion: Motion, start: float, end: float) -> list[float]:
     corner = float(motion.times[1])
     parts = [start, corner, end] if start + 1e-9 < corner < end - 1e-9 else [start, end]
     ends: list[float] = []
+    # Longest step of the silicone: motion [m] and turn [rad] of the object.
+    step, turn = 50e-6, math.radians(1.5)
     for first, last in pairwise(parts):
         before, after = motion.pose_at(first), motion.pose_at(last)
         way = float(np.linalg.norm(after[:3] - before[:3]))
@@ -67,6 +66,6 @@ def _ends(motion: Motion, start: float, end: float) -> list[float]:
             scipy.spatial.transform.Rotation.from_rotvec(after[3:])
             * scipy.spatial.transform.Rotation.from_rotvec(before[3:]).inv()
         )
-        count = max(1, math.ceil(way / STEP - 1e-6), math.ceil(turns.magnitude() / TURN - 1e-6))
+        count = max(1, math.ceil(way / step - 1e-6), math.ceil(turns.magnitude() / turn - 1e-6))
         ends += [first + (last - first) * (k + 1) / count for k in range(count)]
     return ends

@@ -14,16 +14,7 @@ from .poses import Shot
 
 #: Colours of the two layers' markers and of forces.
 MAGENTA = "#b0125b"
-YELLOW = "#b58900"
 FORCE = "#1f4fd8"
-#: Number of arrows of the motion along a side of the window.
-ARROWS = 22
-#: Largest magnification of the motion.
-MAGNIFY = 20.0
-#: Longest arrow of a force over the side of the window.
-ARROW = 0.14
-#: Motion over its largest that belongs to the window, and the smallest window over the picture.
-MOVED, SMALLEST = 0.2, 0.2
 
 #: Columns and rows of a part of the picture: left, right, top, bottom [px].
 Window = tuple[float, float, float, float]
@@ -57,10 +48,12 @@ def _window(shot: Shot) -> Window:
     """Square around the part that has moved."""
     length = np.nan_to_num(np.linalg.norm(shot.truth.flow[0], axis=-1))
     height, width = length.shape
-    rows, columns = np.nonzero(length > MOVED * max(length.max(), 1e-9))
+    moved_share = 0.2  # motion over its largest that belongs to the window
+    rows, columns = np.nonzero(length > moved_share * max(length.max(), 1e-9))
     if not len(rows):
         return -0.5, width - 0.5, -0.5, height - 0.5
-    side = 1.1 * max(np.ptp(rows), np.ptp(columns), SMALLEST * height)
+    smallest = 0.2  # smallest window over the picture
+    side = 1.1 * max(np.ptp(rows), np.ptp(columns), smallest * height)
     x, y = (columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2
     if side > 0.8 * height:
         x, y, side = (width - 1) / 2, (height - 1) / 2, height
@@ -111,7 +104,8 @@ def _whole(axis: Any, shot: Shot, window: Window) -> None:
 
 def _forces(axis: Any, scene: Scene, shot: Shot, window: Window) -> None:
     axis.imshow(shot.frame.image)
-    for layer, colour in ((1, YELLOW), (0, MAGENTA)):
+    yellow = "#b58900"  # colour of the lower layer's markers
+    for layer, colour in ((1, yellow), (0, MAGENTA)):
         visible = shot.truth.visible[layer]
         axis.plot(*shot.truth.pixels[layer, visible].T, "+", color=colour, ms=5.0, mew=1.0)
     field = shot.settled.field
@@ -132,7 +126,8 @@ def _forces(axis: Any, scene: Scene, shot: Shot, window: Window) -> None:
         base = view.project(np.column_stack([x, np.zeros_like(x), z]))
         force = np.column_stack([field.friction, -field.normal])[touching]
         largest = max(float(np.linalg.norm(force, axis=1).max()), 1e-12)
-    force *= ARROW * (window[1] - window[0]) / max(np.linalg.norm(force, axis=1).max(), 1e-12)
+    longest = 0.14  # longest arrow of a force over the side of the window
+    force *= longest * (window[1] - window[0]) / max(np.linalg.norm(force, axis=1).max(), 1e-12)
     axis.set_title(f"markers (+) and {what}, ≤ {largest:.2g} N a node")
     axis.quiver(
         *base[::every].T,
@@ -156,8 +151,10 @@ def _layers(axis: Any, shot: Shot) -> None:
 
 def _motion(axis: Any, shot: Shot, window: Window) -> None:
     flow, largest = shot.truth.flow[0], _largest(shot)
-    spacing = max(2, round((window[1] - window[0]) / ARROWS))
-    magnify = max(1, round(min(1.3 * spacing / max(largest, 1e-3), MAGNIFY)))
+    arrows = 22  # number of arrows of the motion along a side of the window
+    spacing = max(2, round((window[1] - window[0]) / arrows))
+    most_magnified = 20.0  # largest magnification of the motion
+    magnify = max(1, round(min(1.3 * spacing / max(largest, 1e-3), most_magnified)))
     axis.set_title(f"motion since rest, × {magnify}")
     length = np.linalg.norm(flow, axis=-1)
     axis.imshow(length, cmap="Greys", vmin=0.0, vmax=max(2.5 * largest, 1e-3))

@@ -12,18 +12,12 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-#: Default side of the picture, and free border around the dome [px].
-SIZE, BORDER = 480, 8
-#: Colours of no pressure and of the largest, RGB.
-NONE, LARGEST = np.array([255.0, 255.0, 255.0]), np.array([20.0, 90.0, 190.0])
 #: Colours of friction where the skin sticks and slips, of the outline and of text, RGB.
 STICKS: Colour = (20, 20, 20)
 SLIPS: Colour = (225, 80, 20)
 OUTLINE: Colour = (150, 150, 150)
 #: Share of the friction limit above which a node slips.
 SLIPPING = 0.999
-#: Length of an arrow as large as the largest pressure, as a share of the picture's side.
-ARROW = 100.0 / 480.0
 
 
 class TractionPicture:
@@ -41,12 +35,15 @@ class TractionPicture:
     pixels: scale of the picture [px/m]
     """
 
-    def __init__(self, dome: SoftBody, size: int = SIZE) -> None:
+    def __init__(self, dome: SoftBody, size: int = 480) -> None:
         self.radius = dome.radius
-        self._size, self._arrow = size, ARROW * size
+        # Length of an arrow as large as the largest pressure, as a share of the picture's side.
+        arrow = 100.0 / 480.0
+        self._size, self._arrow = size, arrow * size
         nodes = lattice(dome)
         self._areas = nodes.areas
-        self.pixels = (size / 2 - BORDER) / dome.radius
+        border = 8  # free border around the dome [px]
+        self.pixels = (size / 2 - border) / dome.radius
         self._outline = round(dome.radius * self.pixels)
         mesh = scipy.spatial.Delaunay(nodes.points[:, :2])
         at = (np.arange(size) - (size - 1) / 2) / self.pixels
@@ -65,7 +62,9 @@ class TractionPicture:
         self.top = max(self.top, _round_up(float(pressure.max())))
         share = np.zeros(self._size * self._size)
         share[self._inside] = (pressure[self._corners] * self._weights).sum(axis=1) / self.top
-        colours = NONE + np.clip(share, 0.0, 1.0)[:, None] * (LARGEST - NONE)
+        none = np.array([255.0, 255.0, 255.0])  # colours of no pressure and of the largest, RGB
+        largest = np.array([20.0, 90.0, 190.0])
+        colours = none + np.clip(share, 0.0, 1.0)[:, None] * (largest - none)
         canvas: Image = np.ascontiguousarray(
             colours.reshape(self._size, self._size, 3).round().astype(np.uint8)
         )

@@ -19,9 +19,6 @@ from .tactile_video import FPS, SLOWDOWN
 
 Image = NDArray[np.uint8]
 
-#: Quality of JPEG. Colours are at full resolution, because they distinguish the markers.
-_JPEG = (cv2.IMWRITE_JPEG_QUALITY, 80, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
@@ -117,7 +114,9 @@ def video_pictures(video: Path, part: Part, times: Array) -> Pictures:
 
 
 def _jpeg(image: Image) -> bytes:
-    done, data = cv2.imencode(".jpg", image[..., ::-1], _JPEG)
+    # Quality of JPEG. Colours are at full resolution, because they distinguish the markers.
+    options = (cv2.IMWRITE_JPEG_QUALITY, 80, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111)
+    done, data = cv2.imencode(".jpg", image[..., ::-1], options)
     if not done:
         raise UserError(f"a picture of {image.shape[1]} × {image.shape[0]} cannot be made a JPEG")
     return data.tobytes()

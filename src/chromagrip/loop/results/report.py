@@ -15,10 +15,6 @@ from .tactile_video import SLOWDOWN
 
 #: Name of the report in a run folder.
 REPORT = "report.html"
-#: Error of Γ at the end above which the page explains it.
-_NOTABLE = 0.03
-#: By the number of fingers: end of the title, and what the video shows on each path.
-_TITLES = {1: "", 2: " with two fingers"}
 _PINCHED = "The cameras' pictures with the tractions, and the object between the fingers."
 _CAPTIONS: dict[int, dict[PathName, str]] = {
     1: {
@@ -31,7 +27,9 @@ _CAPTIONS: dict[int, dict[PathName, str]] = {
 
 def write_report(run: RunRead) -> None:
     """Write the report of a run into its folder."""
-    title = f"{run.scene.controller}{_TITLES[run.scene.fingers]}, {run.scene.path} path"
+    # By the number of fingers: end of the title, and what the video shows on each path.
+    titles = {1: "", 2: " with two fingers"}
+    title = f"{run.scene.controller}{titles[run.scene.fingers]}, {run.scene.path} path"
     write_run_page(run.folder / REPORT, [run_on_page(run, title)], title)
 
 
@@ -91,7 +89,8 @@ def _one_words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
         at = int(np.nanargmin(margin))
         yield f"The smallest true Γ was {margin[at]:.2f}, at {of['time_s'][at]:.2f} s."
     known = scene.target_margin is not None and true is not None and estimate is not None
-    if known and abs(true - estimate) > _NOTABLE:
+    notable = 0.03  # error of Γ at the end above which the page explains it
+    if known and abs(true - estimate) > notable:
         low, high = of["margin_low"][-1], of["margin_high"][-1]
         where = "within" if low <= true <= high else "outside"
         yield (

@@ -12,9 +12,6 @@ from .log import log_of
 from .report import REPORT, run_on_page
 from .run_folder import MOST_ROWS, read_run
 
-#: Largest number of runs that can be distinguished on a page.
-MOST_RUNS = 6
-
 
 def write_reports(
     folders: Sequence[Path],
@@ -26,7 +23,7 @@ def write_reports(
 
     Parameters
     ----------
-    folders: run folders, 1 to `MOST_RUNS`
+    folders: run folders, 1 to 6, which can be told apart
     out: file of the page (default: report.html in the only folder)
     follow_links, max_rows: as in `read_run`
 
@@ -35,8 +32,8 @@ def write_reports(
     UserError
         For a folder without a finished run, too many folders, and several without `out`.
     """
-    if not 1 <= len(folders) <= MOST_RUNS:
-        raise UserError(f"a report has 1 to {MOST_RUNS} runs, not {len(folders)}")
+    if not 1 <= len(folders) <= 6:
+        raise UserError(f"a report has 1 to 6 runs, not {len(folders)}")
     if out is None and len(folders) > 1:
         raise UserError("a report of several runs needs a file of its own: give --out FILE.html")
     path = folders[0] / REPORT if out is None else out

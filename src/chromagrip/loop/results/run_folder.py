@@ -23,14 +23,18 @@ from ..trace import Summary
 
 Array = NDArray[np.float64]
 
-#: Files that a finished run has, and the video that it may have.
-NEEDED, VIDEO = ("summary.json", "trace.parquet", "scene.toml"), "tactile.mp4"
+#: Files that a finished run has.
+NEEDED = ("summary.json", "trace.parquet", "scene.toml")
+#: Video that it may have.
+VIDEO = "tactile.mp4"
 #: Largest number of rows of a trace that is read.
 MOST_ROWS = 2_000_000
-#: Largest size of a file that is read whole: text, and video or picture [bytes].
-LARGEST_TEXT, LARGEST_FILE = 2**24, 2**28
-#: Largest size of a value, and of a time [s].
-_LARGEST, _LATEST = 1e12, 1e6
+#: Largest text that is read whole [bytes].
+LARGEST_TEXT = 2**24
+#: Largest video or picture that is read whole [bytes].
+LARGEST_FILE = 2**28
+#: Largest value of a column.
+_LARGEST = 1e12
 #: Endings of the names of columns that older traces lack, by the number of fingers.
 _LATER = {1: (), 2: ("_deviation_n", "_deviation_nmm", "limit_margin_low", "limit_margin_high")}
 _MEND = "take a whole copy of the folder, or run its scene again"
@@ -234,9 +238,9 @@ def _check_table(path: Path, file: Any, names: set[str], max_rows: int) -> None:
 
 def _check_values(path: Path, columns: Mapping[str, Array]) -> None:
     """Refuse times that do not rise, and values that no run has."""
-    time = columns["time_s"]
-    if not (np.isfinite(time).all() and time[0] >= 0.0 and time[-1] <= _LATEST):
-        raise UserError(f"{path}: column time_s must hold times of 0 to {_LATEST:g} s; {_MEND}")
+    time, latest = columns["time_s"], 1e6  # [s]
+    if not (np.isfinite(time).all() and time[0] >= 0.0 and time[-1] <= latest):
+        raise UserError(f"{path}: column time_s must hold times of 0 to {latest:g} s; {_MEND}")
     late = np.flatnonzero(np.diff(time) <= 0.0)
     if len(late):
         raise UserError(f"{path}: column time_s does not rise at row {late[0] + 1}; {_MEND}")

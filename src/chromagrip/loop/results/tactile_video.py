@@ -35,21 +35,10 @@ ARROW = 1200.0
 MAGNIFY = 4.0
 #: Height of the line of text above the pictures [px].
 HEAD = 30
-#: Number of drawn contacts, two a picture, with a notice of a new scale of the arrows.
-SAID = 100
 #: Magnification of the contact of a chain.
 ZOOM = 2
-#: Place of the skin in a chain's picture, as a share of its height from the top. Arrows point up.
-_SKIN = 0.8
-#: Longest arrow there, as a share of the height; a longer one halves the scale.
-_LONGEST = 0.7
-#: Length of the arrow of the scale, about [px].
-_SCALE = 60.0
 
 Colour = tuple[int, int, int]
-#: Colours of estimated and true forces, and of markers' motion, RGB.
-FORCE_COLOUR: Colour = (200, 70, 0)
-TRUE_COLOUR: Colour = (0, 90, 160)
 TRACK_COLOUR: Colour = (0, 120, 60)
 INK: Colour = (20, 20, 20)
 
@@ -62,6 +51,10 @@ class TactileVideo(VideoFile):
     path: path of the video
     scene: scene whose sensor's camera maps the forces onto the picture
     """
+
+    #: Colours of estimated and true forces, RGB.
+    _force_colour = (200, 70, 0)
+    _true_colour = (0, 90, 160)
 
     def __init__(self, path: Path, scene: Scene) -> None:
         super().__init__(path, FPS, QUALITY, SEEKABLE)
@@ -100,17 +93,19 @@ class TactileVideo(VideoFile):
         """Draw each contact of a chain, magnified, one above the other."""
         height, width = image.shape[0] // len(contacts), image.shape[1]
         middle = self._view.project(np.array([[0.0, 0.0, _apex(sample.field)]]))[0]
-        corner = middle - np.array([0.5 * width, _SKIN * height]) / ZOOM
+        # The skin is low in the picture: arrows point up.
+        corner = middle - np.array([0.5 * width, 0.8 * height]) / ZOOM
         ground = _magnified(image, corner, (height, width))
+        longest = 0.7  # longest arrow, as a share of the height; a longer one halves the scale
         for _, field, _ in contacts:
-            self._rescale(field, _LONGEST * height)
+            self._rescale(field, longest * height)
         pictures = []
         for kind, field, mu in contacts:
             canvas = ground.copy()
             if kind == "estimated" and sample.tracks is not None and sample.rest is not None:
                 _draw_motion(canvas, sample.tracks, sample.rest, corner)
                 write(canvas, f"marker motion x{MAGNIFY:g}", (8, height - 10), TRACK_COLOUR)
-            colour = FORCE_COLOUR if kind == "estimated" else TRUE_COLOUR
+            colour = self._force_colour if kind == "estimated" else self._true_colour
             self._draw_forces(canvas, field, corner, colour)
             _say(canvas, (f"{kind} force of every 3rd node", *_sums(field, mu)), (8, 18), colour)
             self._draw_scale(canvas, field, colour)
@@ -124,7 +119,7 @@ class TactileVideo(VideoFile):
         largest = float(np.hypot(field.normal, field.friction).max()) * _per_node(field)
         while largest * self._scale > longest:
             self._scale /= 2.0
-            self._notices = SAID
+            self._notices = 100  # two a picture
         self._notices -= 1
 
     def _draw_forces(
@@ -141,7 +136,8 @@ class TactileVideo(VideoFile):
     def _draw_scale(self, canvas: Image, field: ForceField, colour: Colour) -> None:
         """Draw an arrow of a round force in the lower right corner."""
         scale = self._scale * _per_node(field)
-        force = rounded_down(_SCALE / scale)
+        about_px = 60.0  # length of the arrow of the scale, about [px]
+        force = rounded_down(about_px / scale)
         x, y = canvas.shape[1] - 150, canvas.shape[0] - 14
         _line(canvas, np.array([x, y]), np.array([x + scale * force, y]), colour, head=True)
         write(canvas, f"{force:g} N", (x + int(scale * force) + 8, y + 4), colour)
@@ -167,7 +163,8 @@ class TactileVideo(VideoFile):
                     f"depth {1e3 * truth.indentation:.2f} mm",
                     f"turn {np.degrees(truth.turn):.1f} deg",
                 )
-            _say(canvas, lines, (8, 18), FORCE_COLOUR if kind == "estimated" else TRUE_COLOUR)
+            colour = self._force_colour if kind == "estimated" else self._true_colour
+            _say(canvas, lines, (8, 18), colour)
             canvas[:, 0] = OUTLINE
             pictures.append(canvas)
         self._tractions[contacts[-1][0]].legend(pictures[-1], (8, len(image) - 92))

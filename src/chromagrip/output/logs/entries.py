@@ -12,7 +12,9 @@ Array = NDArray[np.float64]
 #: How a picture is encoded.
 Encoding = Literal["jpeg", "png"]
 #: Levels of a condition, as in ROS.
-OK, WARNING, ERROR = 0, 1, 2
+OK = 0
+WARNING = 1
+ERROR = 2
 
 
 @dataclass(frozen=True, kw_only=True)

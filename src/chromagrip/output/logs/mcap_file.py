@@ -13,9 +13,6 @@ from ..versions import versions
 from .entries import Condition, Log, Pictures, Signal, Wrench, nanoseconds
 from .messages import message
 
-#: Topic of the conditions; panels of diagnostics look for them there.
-DIAGNOSTICS = "/diagnostics"
-
 #: Time [ns], channel, and bytes of a message.
 Sent = tuple[int, int, bytes]
 
@@ -80,9 +77,11 @@ def _streams(log: Log, channels: _Channels) -> Iterator[Iterator[Sent]]:
         name, about = "ros.geometry_msgs.WrenchStamped", {"unit": "N, N·m"}
         channel = channels.open(wrench.topic, name, meaning=wrench.meaning, **about)
         yield _sent_wrench(wrench, message(name), channel)
+    # Topic of the conditions; panels of diagnostics look for them there.
+    diagnostics = "/diagnostics"
     if log.conditions:
         name = "ros.diagnostic_msgs.DiagnosticArray"
-        yield _sent_conditions(log.conditions, message(name), channels.open(DIAGNOSTICS, name))
+        yield _sent_conditions(log.conditions, message(name), channels.open(diagnostics, name))
 
 
 def _stamp(into: Any, time: int) -> None:

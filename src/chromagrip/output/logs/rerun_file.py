@@ -20,12 +20,8 @@ from .entries import (
     nanoseconds,
 )
 
-#: Timeline of the run.
-TIME = "time"
 #: Entity of the conditions.
 DIAGNOSTICS = "/diagnostics"
-#: Groups of signals whose plots are open at first, the uppermost first; the others lie behind.
-FIRST = ("margin", "grip_n", "mu", "friction_n")
 #: Colours of lines, RGB, by the last part of their names; they are seen on black and on white.
 COLOURS = {
     "true": (60, 130, 220),
@@ -36,9 +32,6 @@ COLOURS = {
     "high": (235, 170, 130),
     "target": (140, 140, 140),
 }
-#: Pictures that are sent at once.
-_BATCH = 100
-_LEVELS = {OK: "INFO", WARNING: "WARN", ERROR: "ERROR"}
 
 
 def write_rerun(log: Log, path: Path) -> None:
@@ -68,7 +61,7 @@ def write_rerun(log: Log, path: Path) -> None:
 
 
 def _column(rr: Any, times: Array) -> list[Any]:
-    return [rr.TimeColumn(TIME, duration=nanoseconds(times).astype("timedelta64[ns]"))]
+    return [rr.TimeColumn("time", duration=nanoseconds(times).astype("timedelta64[ns]"))]
 
 
 def _send_lines(
@@ -116,9 +109,10 @@ def _send_condition(rr: Any, stream: Any, condition: Condition) -> None:
     """Send the words of a condition wherever they change."""
     words = np.array(condition.messages)
     new = np.flatnonzero(np.append(True, words[1:] != words[:-1]))
+    levels = {OK: "INFO", WARNING: "WARN", ERROR: "ERROR"}
     sent = rr.TextLog.columns(
         text=[f"{condition.name}: {words[k]}" for k in new],
-        level=[_LEVELS[int(condition.levels[k])] for k in new],
+        level=[levels[int(condition.levels[k])] for k in new],
     )
     place = f"{DIAGNOSTICS}/{condition.name}"
     indexes = _column(rr, condition.times[new])
@@ -138,9 +132,10 @@ def _send_pictures(rr: Any, stream: Any, pictures: Pictures) -> None:
 
 def _batches(of: Iterator[tuple[float, bytes]]) -> Iterator[list[tuple[float, bytes]]]:
     batch = []
+    at_once = 100  # pictures that are sent at once
     for one in of:
         batch.append(one)
-        if len(batch) == _BATCH:
+        if len(batch) == at_once:
             yield batch
             batch = []
     if batch:
@@ -156,9 +151,11 @@ def _blueprint(log: Log) -> Any:
     def plots(chosen: Sequence[str]) -> list[Any]:
         return [views.TimeSeriesView(origin=group, name=group.strip("/")) for group in chosen]
 
+    # Groups of signals whose plots are open at first, the uppermost first; the others lie behind.
+    first = ("margin", "grip_n", "mu", "friction_n")
     # Plots of two fingers stand side by side.
-    rows = [[group for group in groups if group.rpartition("/")[2] == name] for name in FIRST]
-    rest = [group for group in groups if group.rpartition("/")[2] not in FIRST]
+    rows = [[group for group in groups if group.rpartition("/")[2] == name] for name in first]
+    rest = [group for group in groups if group.rpartition("/")[2] not in first]
     right = [views.Horizontal(*plots(row)) for row in rows if row]
     right += [views.Tabs(*plots(rest))] if rest else []
     pictures = [one.topic for one in log.pictures]
