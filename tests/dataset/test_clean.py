@@ -59,12 +59,11 @@ DOME = replace(
 
 
 @pytest.fixture(scope="module")
-def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def both(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The tiny dataset with noise and without it."""
-    folder = tmp_path_factory.mktemp("data")
-    make(TINY, folder / "noisy")
-    make(CLEAN_TINY, folder / "clean")
-    return folder / "noisy", folder / "clean"
+    clean = tmp_path_factory.mktemp("data") / "clean"
+    make(CLEAN_TINY, clean)
+    return tiny, clean
 
 
 def assert_same(noisy: Path, clean: Path) -> None:
@@ -118,8 +117,8 @@ def test_worn_cameras_and_readings_are_the_same(recipe: Recipe, tmp_path: Path) 
 def test_exports_have_the_same_bytes(
     both: tuple[Path, Path], layout: str, tmp_path: Path, bytes_of: Digests
 ) -> None:
-    for folder in both:
-        export(folder, layout, tmp_path / folder.name)
+    for folder, name in zip(both, ("noisy", "clean"), strict=True):
+        export(folder, layout, tmp_path / name)
     assert bytes_of(tmp_path / "noisy") == bytes_of(tmp_path / "clean")
 
 

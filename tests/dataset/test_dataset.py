@@ -36,14 +36,6 @@ Digests = Callable[[Path], dict[str, str]]
 TINY = load_recipe("tiny")
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The tiny dataset, made by one process."""
-    folder = tmp_path_factory.mktemp("data") / "tiny"
-    make(TINY, folder)
-    return folder
-
-
 def copied(made: Path, to: Path) -> Path:
     """A copy that may be spoiled."""
     to.mkdir()
@@ -57,28 +49,28 @@ def copied(made: Path, to: Path) -> Path:
     return to
 
 
-def test_a_whole_dataset_is_checked_and_has_no_clock_in_it(made: Path) -> None:
-    assert check(made) == 3
-    text = "".join(p.read_text("utf-8") for p in made.rglob("*") if p.suffix in (".json", ".toml"))
+def test_a_whole_dataset_is_checked_and_has_no_clock_in_it(tiny: Path) -> None:
+    assert check(tiny) == 3
+    text = "".join(p.read_text("utf-8") for p in tiny.rglob("*") if p.suffix in (".json", ".toml"))
     assert os.uname().nodename not in text
     assert time.strftime("%Y-") not in text
-    rows = pq.read_table(made / TABLE).to_pylist()
+    rows = pq.read_table(tiny / TABLE).to_pylist()
     assert [row["number"] for row in rows] == [0, 1, 2]
-    assert (made / "contact-sheet.png").stat().st_size > 1000
+    assert (tiny / "contact-sheet.png").stat().st_size > 1000
 
 
 def test_workers_shards_and_order_change_no_byte(
-    made: Path, tmp_path: Path, bytes_of: Digests
+    tiny: Path, tmp_path: Path, bytes_of: Digests
 ) -> None:
     make(TINY, tmp_path / "two", workers=2)
-    assert bytes_of(tmp_path / "two") == bytes_of(made)
+    assert bytes_of(tmp_path / "two") == bytes_of(tiny)
     for first in (2, 1):
         make(TINY, tmp_path / f"shard{first}", shard=(first, 2))
     merge([tmp_path / "shard2", tmp_path / "shard1"], tmp_path / "merged")
-    assert bytes_of(tmp_path / "merged") == bytes_of(made)
+    assert bytes_of(tmp_path / "merged") == bytes_of(tiny)
 
 
-def test_more_sequences_begin_with_the_same(made: Path) -> None:
+def test_more_sequences_begin_with_the_same(tiny: Path) -> None:
     more = replace(TINY, sequences=300)
     assert drawn(more, 2) == drawn(TINY, 2)
     other = replace(TINY, draw={**TINY.draw, "camera.rate_hz": {"choice": [60.0]}})
@@ -102,7 +94,7 @@ for line in sys.stdin:
 
 
 def test_a_killed_run_goes_on_to_the_same_bytes(
-    made: Path, tmp_path: Path, bytes_of: Digests
+    tiny: Path, tmp_path: Path, bytes_of: Digests
 ) -> None:
     out = tmp_path / "killed"
     with subprocess.Popen(
@@ -129,7 +121,7 @@ def test_a_killed_run_goes_on_to_the_same_bytes(
                     check(out)
         process.stdin.close()
     make(TINY, out, resume=True)
-    assert bytes_of(out) == bytes_of(made)
+    assert bytes_of(out) == bytes_of(tiny)
 
 
 @pytest.mark.slow
@@ -156,7 +148,7 @@ def test_sigterm_ends_the_workers_too(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_dask_worker_that_is_killed_loses_nothing(
-    made: Path, tmp_path: Path, bytes_of: Digests
+    tiny: Path, tmp_path: Path, bytes_of: Digests
 ) -> None:
     distributed = pytest.importorskip("distributed")
     with (
@@ -178,10 +170,10 @@ def test_a_dask_worker_that_is_killed_loses_nothing(
             progress=kill,
         )  # fmt: skip
     assert killed
-    assert bytes_of(tmp_path / "dask") == bytes_of(made)
+    assert bytes_of(tmp_path / "dask") == bytes_of(tiny)
 
 
-def test_labels_are_those_of_the_run(made: Path) -> None:
+def test_labels_are_those_of_the_run(tiny: Path) -> None:
     """Forces on the object: ΣFn is the grip on flat objects, ΣFf the load less the drag."""
     flat = {key: how for key, how in TINY.draw.items() if key != "object.radius_mm"}
     draw = {**flat, "motion": {"choice": ["grasp"]}}
@@ -198,9 +190,9 @@ def test_labels_are_those_of_the_run(made: Path) -> None:
     assert (abs(friction) <= mu * normal + 1e-9).all()
 
 
-def test_labels_are_what_opencv_projects(made: Path) -> None:
+def test_labels_are_what_opencv_projects(tiny: Path) -> None:
     """The thesis' camera sits in the centre of the port, which bends no ray."""
-    one = next(iter(load_sequences(made)))
+    one = next(iter(load_sequences(tiny)))
     store = cv2.FileStorage(str(one.pictures.folder / "camera.yml"), cv2.FILE_STORAGE_READ)
     matrix, bent = (
         store.getNode(f"{k}").mat() for k in ("camera_matrix", "distortion_coefficients")
@@ -240,8 +232,8 @@ def test_a_slip_goes_through_all_states() -> None:
         (lambda d: (d / MANIFEST).unlink(), "is not whole"),
     ],
 )
-def test_what_was_changed_is_named(made: Path, tmp_path: Path, spoil: object, said: str) -> None:
-    folder = copied(made, tmp_path / "spoilt")
+def test_what_was_changed_is_named(tiny: Path, tmp_path: Path, spoil: object, said: str) -> None:
+    folder = copied(tiny, tmp_path / "spoilt")
     spoil(folder)  # type: ignore[operator]
     with pytest.raises(UserError, match=said):
         check(folder)
@@ -277,9 +269,9 @@ def resealed(folder: Path, name: str) -> None:
     ],
 )
 def test_physics_that_does_not_hold_is_named(
-    made: Path, tmp_path: Path, table: str, column: str, said: str
+    tiny: Path, tmp_path: Path, table: str, column: str, said: str
 ) -> None:
-    folder = copied(made, tmp_path / "wrong")
+    folder = copied(tiny, tmp_path / "wrong")
     path = folder / sequence_name(0) / f"{table}.parquet"
     found = pq.read_table(path)
     values = found[column].to_pylist()
@@ -304,7 +296,8 @@ def test_forces_on_a_surface_that_stays_balance(tmp_path: Path) -> None:
     assert check(folder) == 1
 
 
-def test_parts_share_no_object(made: Path) -> None:
+def test_parts_share_no_object(tiny: Path, tmp_path: Path) -> None:
+    made = copied(tiny, tmp_path / "split")
     parts = split(made, {"train": 0.6, "test": 0.4})
     every = sorted(name for names in parts.values() for name in names)
     assert every == [sequence_name(k) for k in range(3)]
@@ -342,8 +335,8 @@ def test_a_full_disk_leaves_nothing_half_written(
     assert check(tmp_path / "full") == 3
 
 
-def test_another_recipe_is_refused(made: Path, tmp_path: Path) -> None:
-    folder = copied(made, tmp_path / "other")
+def test_another_recipe_is_refused(tiny: Path, tmp_path: Path) -> None:
+    folder = copied(tiny, tmp_path / "other")
     with pytest.raises(UserError, match="holds a dataset of another recipe"):
         make(replace(TINY, seed=1), folder, resume=True)
     with pytest.raises(UserError, match="holds a dataset already; go on with --resume"):
@@ -352,9 +345,9 @@ def test_another_recipe_is_refused(made: Path, tmp_path: Path) -> None:
         make(TINY, tmp_path)
     make(replace(TINY, seed=1, sequences=1), tmp_path / "seed1")
     with pytest.raises(UserError, match="is of another recipe"):
-        merge([made, tmp_path / "seed1"], tmp_path / "both")
+        merge([tiny, tmp_path / "seed1"], tmp_path / "both")
     with pytest.raises(UserError, match="sequence-000000 is in"):
-        merge([made, folder], tmp_path / "twice")
+        merge([tiny, folder], tmp_path / "twice")
 
 
 @pytest.mark.parametrize(
@@ -498,9 +491,9 @@ def test_words_and_infinity_are_drawn_as_well_as_numbers(tmp_path: Path) -> None
     ],
 )
 def test_a_corrupt_shard_is_not_merged(
-    made: Path, tmp_path: Path, spoil: object, said: str
+    tiny: Path, tmp_path: Path, spoil: object, said: str
 ) -> None:
-    folder = copied(made, tmp_path / "spoilt")
+    folder = copied(tiny, tmp_path / "spoilt")
     spoil(folder)  # type: ignore[operator]
     with pytest.raises(UserError, match=said):
         merge([folder], tmp_path / "merged")
@@ -508,20 +501,20 @@ def test_a_corrupt_shard_is_not_merged(
 
 
 def test_a_dataset_can_get_more_sequences_but_not_fewer(
-    made: Path, tmp_path: Path, bytes_of: Digests
+    tiny: Path, tmp_path: Path, bytes_of: Digests
 ) -> None:
     make(replace(TINY, sequences=1), tmp_path / "grown")
     make(TINY, tmp_path / "grown", resume=True)
-    assert bytes_of(tmp_path / "grown") == bytes_of(made)
+    assert bytes_of(tmp_path / "grown") == bytes_of(tiny)
     with pytest.raises(UserError, match="is to have 3 sequences; it can get more, not fewer"):
         make(replace(TINY, sequences=2), tmp_path / "grown", resume=True)
     assert check(tmp_path / "grown") == 3
 
 
 def test_a_folder_is_filled_by_one_run_at_a_time(
-    made: Path, tmp_path: Path, bytes_of: Digests
+    tiny: Path, tmp_path: Path, bytes_of: Digests
 ) -> None:
-    folder = copied(made, tmp_path / "grown")
+    folder = copied(tiny, tmp_path / "grown")
     more, before = replace(TINY, sequences=4), bytes_of(folder)
     with filling(folder), pytest.raises(UserError, match="is being filled by process"):
         make(more, folder, resume=True)
@@ -530,9 +523,9 @@ def test_a_folder_is_filled_by_one_run_at_a_time(
 
 
 def test_what_other_versions_made_is_not_gone_on_with(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = copied(made, tmp_path / "older")
+    folder = copied(tiny, tmp_path / "older")
     monkeypatch.setattr(dataset_folder, "made_with", lambda: {"numpy": "9.9"})
     with pytest.raises(UserError, match=r"begun with other versions: .*numpy .*, now 9.9"):
         make(TINY, folder, resume=True)
@@ -571,9 +564,9 @@ def mount(*options: str, at: Path) -> bool:
 
 @pytest.mark.skipif(not shutil.which("mount"), reason="there is no mount")
 def test_a_disk_that_is_full_can_be_given_more_room(
-    made: Path, tmp_path: Path, bytes_of: Digests
+    tiny: Path, tmp_path: Path, bytes_of: Digests
 ) -> None:
-    room = sum(file.stat().st_size for file in (made / sequence_name(0)).iterdir())
+    room = sum(file.stat().st_size for file in (tiny / sequence_name(0)).iterdir())
     disk = tmp_path / "disk"
     disk.mkdir()
     if not mount(f"size={int(1.6 * room)}", at=disk):
@@ -585,7 +578,7 @@ def test_a_disk_that_is_full_can_be_given_more_room(
         assert there == ["recipe.toml", sequence_name(0)]
         assert mount("remount", f"size={10 * room}", at=disk)
         make(TINY, disk / "data", resume=True)
-        assert bytes_of(disk / "data") == bytes_of(made)
+        assert bytes_of(disk / "data") == bytes_of(tiny)
     finally:
         subprocess.run(["umount", str(disk)], check=True)
 

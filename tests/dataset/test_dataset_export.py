@@ -16,23 +16,13 @@ from chromagrip import UserError
 from chromagrip.dataset import Loaded, load_sequences
 from chromagrip.dataset.export.layouts import LAYOUTS, export
 from chromagrip.dataset.export.lerobot import CAMERA, FORCES, STATE
-from chromagrip.dataset.make import make
-from chromagrip.dataset.recipe import load_recipe
 from chromagrip.dataset.split import split
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The tiny dataset."""
-    folder = tmp_path_factory.mktemp("data") / "tiny"
-    make(load_recipe("tiny"), folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def loaded(made: Path) -> list[Loaded]:
+def loaded(tiny: Path) -> list[Loaded]:
     """Its sequences."""
-    return list(load_sequences(made))
+    return list(load_sequences(tiny))
 
 
 def test_labels_lie_on_the_markers(loaded: list[Loaded]) -> None:
@@ -45,9 +35,9 @@ def test_labels_lie_on_the_markers(loaded: list[Loaded]) -> None:
             assert image[y, x, channel].mean() < 0.6 * image[240, 320 - 9].max()
 
 
-def test_tapvid_is_as_its_reader_takes_it(made: Path, loaded: list[Loaded], tmp_path: Path) -> None:
+def test_tapvid_is_as_its_reader_takes_it(tiny: Path, loaded: list[Loaded], tmp_path: Path) -> None:
     """Points times the size of the video lie on the markers; the arrays fit together."""
-    export(made, "tapvid", tmp_path / "out")
+    export(tiny, "tapvid", tmp_path / "out")
     found = pickle.loads((tmp_path / "out" / "tapvid-00000.pkl").read_bytes())
     assert list(found) == [f"sequence-{one.number:06d}" for one in loaded]
     for one, said in zip(loaded, found.values(), strict=True):
@@ -60,9 +50,9 @@ def test_tapvid_is_as_its_reader_takes_it(made: Path, loaded: list[Loaded], tmp_
         np.testing.assert_allclose(back[0, 3], one.places[3, 0, 0], atol=1e-4)
 
 
-def test_coco_is_as_its_reader_takes_it(made: Path, loaded: list[Loaded], tmp_path: Path) -> None:
+def test_coco_is_as_its_reader_takes_it(tiny: Path, loaded: list[Loaded], tmp_path: Path) -> None:
     coco = pytest.importorskip("pycocotools.coco")
-    export(made, "coco", tmp_path / "out")
+    export(tiny, "coco", tmp_path / "out")
     read = coco.COCO(str(tmp_path / "out" / "annotations.json"))
     assert len(read.getImgIds()) == 21
     (category,) = read.loadCats(read.getCatIds())
@@ -83,10 +73,10 @@ def test_coco_is_as_its_reader_takes_it(made: Path, loaded: list[Loaded], tmp_pa
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the reader's
 def test_webdataset_is_as_its_reader_takes_it(
-    made: Path, loaded: list[Loaded], tmp_path: Path
+    tiny: Path, loaded: list[Loaded], tmp_path: Path
 ) -> None:
     webdataset = pytest.importorskip("webdataset")
-    export(made, "webdataset", tmp_path / "out")
+    export(tiny, "webdataset", tmp_path / "out")
     path = tmp_path / "out" / "frames-000000.tar"
     with tarfile.open(path) as tar:
         assert {(m.mtime, m.uid, m.uname) for m in tar.getmembers()} == {(0, 0, "")}
@@ -101,10 +91,10 @@ def test_webdataset_is_as_its_reader_takes_it(
 
 
 def test_lerobot_has_its_tables_video_and_meta(
-    made: Path, loaded: list[Loaded], tmp_path: Path
+    tiny: Path, loaded: list[Loaded], tmp_path: Path
 ) -> None:
     """Each frame of an episode is found by its time in the video, nearly as it was."""
-    export(made, "lerobot", tmp_path / "out")
+    export(tiny, "lerobot", tmp_path / "out")
     out = tmp_path / "out"
     info = json.loads((out / "meta" / "info.json").read_text("utf-8"))
     assert (info["codebase_version"], info["total_episodes"], info["total_frames"]) == (
@@ -142,11 +132,11 @@ def test_lerobot_has_its_tables_video_and_meta(
 
 @pytest.mark.filterwarnings("default")  # other people's
 def test_lerobot_is_as_its_reader_takes_it(
-    made: Path, loaded: list[Loaded], tmp_path: Path
+    tiny: Path, loaded: list[Loaded], tmp_path: Path
 ) -> None:
     """Runs where LeRobot is installed, which brings some gigabytes along."""
     reader = pytest.importorskip("lerobot.datasets.lerobot_dataset")
-    export(made, "lerobot", tmp_path / "out")
+    export(tiny, "lerobot", tmp_path / "out")
     read = reader.LeRobotDataset("local/tiny", root=tmp_path / "out", video_backend="pyav")
     assert (len(read), read.num_episodes, read.fps) == (21, 3, 60)
     for number in (0, 9, 20):
@@ -159,22 +149,22 @@ def test_lerobot_is_as_its_reader_takes_it(
 
 
 @pytest.mark.parametrize("layout", [*LAYOUTS, "lerobot"])
-def test_an_export_that_breaks_off_leaves_nothing(made: Path, tmp_path: Path, layout: str) -> None:
+def test_an_export_that_breaks_off_leaves_nothing(tiny: Path, tmp_path: Path, layout: str) -> None:
     def stop(done: int) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        export(made, layout, tmp_path / "out", stop)
+        export(tiny, layout, tmp_path / "out", stop)
     assert not list(tmp_path.iterdir())
     with pytest.raises(UserError, match="is no dataset"):
         export(tmp_path, layout, tmp_path / "out")
 
 
 @pytest.fixture(scope="module")
-def halves(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def halves(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tiny dataset, split: one object is for tests."""
     folder = tmp_path_factory.mktemp("data") / "split"
-    shutil.copytree(made, folder)
+    shutil.copytree(tiny, folder)
     parts = split(str(folder), {"train": 0.6, "test": 0.4}, seed=1)
     assert sorted(len(names) for names in parts.values()) == [1, 2]
     return folder
@@ -211,8 +201,8 @@ def test_a_part_or_a_split_that_is_wrong_is_said(halves: Path, tmp_path: Path) -
         export(tmp_path / "more", "coco", tmp_path / "out")
 
 
-def test_what_has_changed_is_not_exported(made: Path, tmp_path: Path) -> None:
-    shutil.copytree(made, tmp_path / "spoilt")
+def test_what_has_changed_is_not_exported(tiny: Path, tmp_path: Path) -> None:
+    shutil.copytree(tiny, tmp_path / "spoilt")
     (tmp_path / "spoilt" / "sequence-000001" / "frame-002.png").write_bytes(b"x")
     with pytest.raises(UserError, match=r"frame-002\.png has changed"):
         export(tmp_path / "spoilt", "webdataset", tmp_path / "out")

@@ -3,9 +3,18 @@
 import socket
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
+
+from chromagrip.loop.run import run
+from chromagrip.scene import load_scene
+
+#: Changes of `dome-1` in the run that tests share.
+DOME_RUN = {
+    "path": "camera", "duration_s": 0.3, "camera.rate_hz": 50.0, "camera.rest_frames": 2,
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -39,3 +48,11 @@ def until() -> Callable[..., None]:
         raise AssertionError("it did not come to this")
 
     return wait
+
+
+@pytest.fixture(scope="session")
+def dome_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run folder of a dome through its camera, with its pictures; not to be changed."""
+    folder = tmp_path_factory.mktemp("runs") / "dome"
+    run(load_scene("dome-1", DOME_RUN), folder, frames="png")
+    return folder

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from chromagrip import load_scene, run
+from chromagrip import load_scene
 from chromagrip.live import replay as module
 from chromagrip.live.replay import Replay, not_repeated
 from chromagrip.live.run_page import RunPage
@@ -23,14 +23,6 @@ from chromagrip.outside.grasp import run_outside
 Typed = Callable[..., CompletedProcess[str]]
 Until = Callable[..., None]
 CHANGES = {"path": "camera", "duration_s": 0.3, "camera.rate_hz": 50.0, "camera.rest_frames": 2}
-
-
-@pytest.fixture(scope="module")
-def dome(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a run of a dome."""
-    folder = tmp_path_factory.mktemp("runs") / "dome"
-    run(load_scene("dome-1", CHANGES), folder, frames="png")
-    return folder
 
 
 @contextmanager
@@ -56,11 +48,11 @@ def played(page: RunPage, until: Until) -> str:
     return str(page.board._status.content)
 
 
-def test_a_run_is_repeated_and_agrees(viser_server: Any, dome: Path, until: Until) -> None:
-    with shown(viser_server, dome) as page:
+def test_a_run_is_repeated_and_agrees(viser_server: Any, dome_run: Path, until: Until) -> None:
+    with shown(viser_server, dome_run) as page:
         assert "repeated from scene and seed; it agrees with the record" in played(page, until)
         frames = page._replay.frames
-        of = read_run(dome).columns
+        of = read_run(dome_run).columns
         assert [kept.time for kept in frames] == pytest.approx(of["time_s"].tolist())
         last = frames[-1].true
         assert last is not None
@@ -69,8 +61,8 @@ def test_a_run_is_repeated_and_agrees(viser_server: Any, dome: Path, until: Unti
         assert page.board.strips._rows[-1]["margin_estimated"] == of["margin_estimated"][-1]
 
 
-def test_time_goes_where_it_is_put(viser_server: Any, dome: Path, until: Until) -> None:
-    with shown(viser_server, dome) as page:
+def test_time_goes_where_it_is_put(viser_server: Any, dome_run: Path, until: Until) -> None:
+    with shown(viser_server, dome_run) as page:
         played(page, until)
         arrows = np.array(page._replay.view._view._arrows.points)
         page._slider.value = 0.1
@@ -91,9 +83,9 @@ def test_time_goes_where_it_is_put(viser_server: Any, dome: Path, until: Until) 
 
 
 def test_what_differs_from_the_record_is_said(
-    viser_server: Any, dome: Path, tmp_path: Path, until: Until
+    viser_server: Any, dome_run: Path, tmp_path: Path, until: Until
 ) -> None:
-    other = shutil.copytree(dome, tmp_path / "other")
+    other = shutil.copytree(dome_run, tmp_path / "other")
     table = pq.read_table(other / "trace.parquet")
     at = table.column_names.index("margin_true")
     changed = table["margin_true"].to_numpy().copy()
@@ -106,10 +98,10 @@ def test_what_differs_from_the_record_is_said(
 
 @pytest.mark.slow
 def test_of_a_long_run_every_second_frame_is_kept(
-    viser_server: Any, dome: Path, until: Until, monkeypatch: pytest.MonkeyPatch
+    viser_server: Any, dome_run: Path, until: Until, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "MOST", 8)
-    with shown(viser_server, dome) as page:
+    with shown(viser_server, dome_run) as page:
         played(page, until)
         times = [kept.time for kept in page._replay.frames]
     assert times == pytest.approx(np.arange(8) * 0.04)
@@ -117,10 +109,10 @@ def test_of_a_long_run_every_second_frame_is_kept(
 
 @pytest.mark.slow
 def test_frames_from_outside_have_curves_alone(
-    viser_server: Any, dome: Path, tmp_path: Path, until: Until
+    viser_server: Any, dome_run: Path, tmp_path: Path, until: Until
 ) -> None:
     taken = tmp_path / "taken"
-    shutil.copytree(dome / "frames", taken)
+    shutil.copytree(dome_run / "frames", taken)
     (taken / "rest.png").rename(taken / "a-1.png")
     shutil.copyfile(taken / "a-1.png", taken / "a-2.png")
     run_outside(load_scene("dome-1", CHANGES), str(taken), tmp_path / "run", fps=50.0)
@@ -133,9 +125,9 @@ def test_frames_from_outside_have_curves_alone(
 
 
 def test_a_recording_shows_its_video(
-    viser_server: Any, dome: Path, tmp_path: Path, until: Until
+    viser_server: Any, dome_run: Path, tmp_path: Path, until: Until
 ) -> None:
-    other = shutil.copytree(dome, tmp_path / "other")
+    other = shutil.copytree(dome_run, tmp_path / "other")
     text = (other / "summary.json").read_text().rstrip().removesuffix("}")
     (other / "summary.json").write_text(text + ', "recorded_live_from_s": 1.0}')
     with shown(viser_server, other) as page:

@@ -1,6 +1,7 @@
 """The page of pictures from outside: their estimates, and what fails there."""
 
 import re
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from chromagrip import load_scene, run
 from chromagrip.live.watch import Looked, Looking, Watcher, WatchPage
 from chromagrip.output.video import VideoFile
 from chromagrip.pictures.estimate import estimate_source
@@ -22,12 +22,11 @@ CHANGES = {"path": "camera", "duration_s": 0.3, "camera.rate_hz": 50.0}
 
 
 @pytest.fixture(scope="module")
-def taken(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def taken(dome_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of the pictures of a grasp, the one at rest first."""
-    folder = tmp_path_factory.mktemp("taken")
-    run(load_scene("dome-1", CHANGES), folder / "run", frames="png")
-    (folder / "run/frames/rest.png").rename(folder / "run/frames/a-rest.png")
-    return folder / "run/frames"
+    folder = shutil.copytree(dome_run / "frames", tmp_path_factory.mktemp("taken") / "frames")
+    (folder / "rest.png").rename(folder / "a-rest.png")
+    return folder
 
 
 def looking(source: Path | str, calibration: str = "thesis") -> Looking:
