@@ -1,8 +1,8 @@
 """The mesh renderer: both layers as triangles through OpenGL (pyrender).
 
 pyrender has no fisheye, its alpha is not subtractive and its shader relights colours. So vertices
-are projected here and drawn orthographically, each layer alone, flat and opaque, white on black;
-the picture is the layer's coverage. The dyes are multiplied before the lens' blur, as light does.
+are projected here, and each layer is drawn alone, orthographically, flat, opaque and white on
+black: this is the layer's coverage. Transmittances are multiplied before the blur of the lens.
 """
 
 import cv2
@@ -19,15 +19,15 @@ from ..outlines import outline_points, outlines
 from .gl import MEND, gl_problem, prepare
 from .paint_kernels import encode
 
-#: Corners of a disc; its area is short of the circle's by 0.2 %.
+#: Number of corners of a disc; its area is 0.2 % smaller than the circle's.
 CORNERS = 48
-#: Pixels drawn for one of the image along each side: multisampling alone has too few levels.
+#: Drawn pixels per image pixel along each side; multisampling alone has too few levels.
 OVERSAMPLING = 4
-#: Width over which edges fade [px]: samples follow a ramp far better than a step. The fade is part
-#: of the lens' blur; the rest of it is added to the picture. A wider fade would absorb too much
-#: light where both layers' edges coincide, because each layer fades by itself.
+#: Width over which edges fade [px]: samples resolve a ramp far better than a step. The fade is part
+#: of the lens blur; the rest of the blur is added to the picture. A wider fade would absorb too
+#: much light where both layers' edges coincide, because each layer fades separately.
 FADE = 0.2
-#: Pixels on which the lens' blur is computed, for one of the image along each side.
+#: Pixels per image pixel along each side, on which the lens blur is computed.
 _FINE = 2
 
 
@@ -36,13 +36,13 @@ class MeshRenderer:
 
     Parameters
     ----------
-    sensor: design
-    oversampling: pixels drawn for one of the image, along each side
+    sensor: design of the sensor
+    oversampling: drawn pixels per image pixel along each side
 
     Raises
     ------
     UserError
-        When no off-screen OpenGL context can be made.
+        When no off-screen OpenGL context can be opened.
     """
 
     def __init__(self, sensor: SensorDesign, oversampling: int = OVERSAMPLING) -> None:
@@ -64,7 +64,7 @@ class MeshRenderer:
         self._encoding = encoding_table()
         count = len(sensor.places)
         circle = _outline(sensor.markers.form)
-        # Of each disc: corners of the white core, black corners of the fade around it, the centre.
+        # Vertices of a disc: corners of the white core, black corners of the fade, the centre.
         self._outline = np.concatenate([(1 - half) * circle, (1 + half) * circle, np.zeros((1, 2))])
         inner = np.arange(CORNERS)
         after = np.roll(inner, -1)
@@ -100,7 +100,7 @@ class MeshRenderer:
         return image
 
     def _collected(self, plane: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Mean of a blurred plane of finer pixels over each pixel, shape (H, W)."""
+        """Blur an image of finer pixels, and average it over each pixel, shape (H, W)."""
         size = (self._view.width, self._view.height)
         fine = (_FINE * size[0], _FINE * size[1])
         fewer = cv2.resize(plane, fine, interpolation=cv2.INTER_AREA)
@@ -108,7 +108,7 @@ class MeshRenderer:
         return np.asarray(cv2.resize(blurred, size, interpolation=cv2.INTER_AREA))
 
     def _coverage(self, pixels: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Coverage 0…1 of the finer pixels by triangles with these corners."""
+        """Draw a layer with vertices at `pixels`; return the coverage 0…1 of the finer pixels."""
         # OpenGL's y runs upwards, and its pixel edges, not centres, lie at integers.
         width, height = self._view.width, self._view.height
         vertices = np.column_stack(
