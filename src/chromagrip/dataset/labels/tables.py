@@ -1,4 +1,4 @@
-"""Tables of labels: Parquet files whose Arrow types follow from the columns."""
+"""Parquet tables of labels; their Arrow types follow from the columns."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,13 +16,13 @@ from .shot import Shot
 if TYPE_CHECKING:
     import pyarrow as pa
 
-#: What to do about a damaged file of a dataset.
+#: Advice on a damaged file of a dataset.
 MEND = "copy the dataset again, or make it again with dataset make --resume"
 #: Largest table in memory [bytes], estimated before it is decoded.
 _MOST_BYTES = 2**30
-#: Bytes of a value in memory, about.
+#: Approximate size of a value in memory [bytes].
 _WIDTH = 4
-#: Columns of frames and of lists that are no floating-point numbers.
+#: Columns of frames and of lists that are not floating-point numbers.
 _WHOLE, _WORDS = ("frame", "contact_nodes"), ("slip_state",)
 _FLAGS = ("visible", "node_contact", "node_slips")
 
@@ -40,7 +40,7 @@ def frame_types(columns: Columns) -> "dict[str, pa.DataType]":
 
 
 def marker_types(columns: Columns) -> "dict[str, pa.DataType]":
-    """Arrow type of each column of `markers.parquet`; lists of a row have any one length."""
+    """Arrow type of each column of `markers.parquet`; lists have no fixed length."""
     pa = need("pyarrow", "data")
     lists = (*columns.markers, *columns.nodes)
     return {"frame": pa.int32()} | {
@@ -49,7 +49,7 @@ def marker_types(columns: Columns) -> "dict[str, pa.DataType]":
 
 
 def frame_table(rows: list[Shot], columns: Columns) -> "pa.Table":
-    """Table of the frames' values."""
+    """Arrow table of the values of frames, one row per frame."""
     pa = need("pyarrow", "data")
     made = {
         name: pa.array([row.values[name] for row in rows], kind)
@@ -59,7 +59,7 @@ def frame_table(rows: list[Shot], columns: Columns) -> "pa.Table":
 
 
 def marker_table(rows: list[Shot], columns: Columns) -> "pa.Table":
-    """Table of the frames' markers and nodes, as lists."""
+    """Arrow table of markers and nodes, one row of lists per frame."""
     pa = need("pyarrow", "data")
     made = {"frame": pa.array([int(row.values["frame"]) for row in rows], pa.int32())}
     for name in columns.markers:
@@ -71,7 +71,7 @@ def marker_table(rows: list[Shot], columns: Columns) -> "pa.Table":
 
 
 def _lists(values: list[Any]) -> "pa.Array":
-    """Lists of one length; numbers in single precision, which resolves 0.05 nm and 0.00006 px."""
+    """Arrow array of equally long lists; float32 resolves 0.05 nm and 0.00006 px."""
     pa = need("pyarrow", "data")
     stacked = np.stack(values)
     flat = stacked.ravel() if stacked.dtype == bool else stacked.astype(np.float32).ravel()
@@ -79,14 +79,15 @@ def _lists(values: list[Any]) -> "pa.Array":
 
 
 def _with_meaning(table: "pa.Table", columns: dict[str, Column]) -> "pa.Table":
+    """Store the meaning of each column in the table's metadata."""
     meaning = {name: of.meaning.encode() for name, of in columns.items()}
     return table.replace_schema_metadata(meaning)
 
 
 def to_parquet(table: "pa.Table") -> bytes:
-    """Bytes of a Parquet file."""
+    """Write a table as the bytes of a Parquet file."""
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
-    # Numbers do not repeat, but their signs and exponents do: bytes of equal rank lie together.
+    # Values do not repeat, but their signs and exponents do: store bytes of equal rank together.
     split = [
         f"{field.name}.list.element"
         for field in table.schema
@@ -102,19 +103,19 @@ def to_parquet(table: "pa.Table") -> bytes:
 def read_table(
     path: Path, rows: int, types: "Mapping[str, pa.DataType]", others: bool = False
 ) -> "pa.Table":
-    """Read columns of a Parquet file; its metadata are checked before it is decoded.
+    """Read columns of a Parquet file; check its metadata before decoding.
 
     Parameters
     ----------
     path: path of the file
     rows: required number of rows
-    types: types of the columns to read, in which no value may be missing
-    others: whether all other columns are read too, of any type
+    types: types of the columns to read; none of their values may be missing
+    others: whether to read all other columns too, of any type
 
     Raises
     ------
     UserError
-        When the file is damaged, too large for the memory, or has other rows, columns or types.
+        When the file is damaged or too large, or has the wrong number of rows, columns or types.
     """
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     try:
@@ -137,12 +138,12 @@ def read_table(
 
 
 def damaged(path: Path, reason: str) -> UserError:
-    """Refusal of a damaged file of a dataset."""
+    """Make the error for a damaged file of a dataset."""
     return UserError(f"{path} is damaged: {reason}; {MEND}")
 
 
 def _check_size(path: Path, metadata: Any) -> None:
-    """Refuse a table that takes more memory than a sequence does; a small file may say so."""
+    """Refuse a table that would need too much memory; a small file may decode to a large table."""
     size = 0
     for group in map(metadata.row_group, range(metadata.num_row_groups)):
         for column in map(group.column, range(group.num_columns)):
@@ -153,7 +154,7 @@ def _check_size(path: Path, metadata: Any) -> None:
 
 
 def _check_column(path: Path, name: str, column: "pa.ChunkedArray", kind: "pa.DataType") -> None:
-    """Refuse a column of another type, with missing values, or with lists of several lengths."""
+    """Refuse a column with another type, missing values, or lists of different lengths."""
     pa, pc = need("pyarrow", "data"), need("pyarrow.compute", "data")
     own, missing = column.type, column.null_count
     if pa.types.is_list(kind) and (pa.types.is_list(own) or pa.types.is_fixed_size_list(own)):
@@ -170,7 +171,7 @@ def _check_column(path: Path, name: str, column: "pa.ChunkedArray", kind: "pa.Da
 
 
 def stacked(column: "pa.ChunkedArray") -> NDArray[Any]:
-    """Column of lists as an array, a row for each."""
+    """Convert a column of lists to an array with one list per row."""
     lists = column.combine_chunks()
     flat = lists.flatten().to_numpy(zero_copy_only=False)
     return np.asarray(flat.reshape(len(lists), -1))
