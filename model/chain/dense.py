@@ -1,8 +1,8 @@
-"""The baseline, as the thesis did it: a dense stiffness matrix refilled at every evaluation.
+"""The thesis's method as a baseline: a dense stiffness matrix, assembled at every evaluation.
 
-Plain NumPy and explicit integrators (thesis section 3 and Fig. 6), the friction force in the state
-(Eq. 13). It shares the parameters and the surface's geometry with the implicit integrators, nothing
-else, so that it checks them; and it is the yardstick of their speed, never the default.
+It uses plain NumPy and explicit integrators (thesis section 3 and Fig. 6), with the friction force
+in the state (Eq. 13). It shares only parameters and surface geometry with the implicit integrators,
+so that it checks them. It is also the reference for their speed, and never the default.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,19 +25,21 @@ from .state import Deformation, State
 
 Array = NDArray[np.float64]
 
-#: Friction that a falling normal force leaves outside its cone comes back at this share of the
-#: bristle's own rate σ0/c.
+#: Rate at which friction outside its cone, after the normal force has fallen, returns to it, as a
+#: share of the bristle's own rate σ0/c.
 CONE_SHARE = 0.2
-#: A run has diverged when a node is further than this from rest [m].
+#: Displacement of a node above which a run has diverged [m].
 LOST = 1.0
-#: Step of differences: small beside contact depths, large beside rounding [m or N].
+#: Step of finite differences: small against contact depths, large against rounding [m or N].
 NUDGE = 1e-9
 #: Absolute and relative tolerance of SciPy's integrators.
 TOLERANCES = (1e-9, 1e-6)
 
 
 def stiffness_matrix(ch: Chain, u: Array, rigid: float) -> Array:
-    """K of the thesis's Fig. 6, rows and columns x of N nodes and the rigid part, then z of them.
+    """Stiffness matrix K of the thesis's Fig. 6.
+
+    Rows and columns are x of the N nodes and the rigid part, then z in the same order.
 
     Parameters
     ----------
@@ -47,7 +49,7 @@ def stiffness_matrix(ch: Chain, u: Array, rigid: float) -> Array:
 
     Returns
     -------
-    Matrix that gives the spring forces on nodes and rigid part [N/m], shape (2N + 2, 2N + 2).
+    Matrix from displacements to spring forces on nodes and rigid part [N/m], (2N + 2, 2N + 2).
     """
     n = len(u)
     size = n + 1
@@ -88,7 +90,7 @@ def _add_springs(
 
 
 def axial_forces(ch: Chain, u: Array, rigid: float) -> Array:
-    """Spring forces on nodes and rigid part of the Sensor Model (thesis Eq. 14) [N], (N + 1, 2)."""
+    """Spring forces of the Sensor Model (thesis Eq. 14) on nodes and rigid part [N], (N + 1, 2)."""
     forces = np.zeros((len(u) + 1, 2))
     held = ch.rest + u - [0.0, rigid]
     tissue = _hooke(held, ch.rest, ch.tissue)
@@ -101,16 +103,18 @@ def axial_forces(ch: Chain, u: Array, rigid: float) -> Array:
 
 
 def _hooke(reach: Array, rest: Array, stiffness: Array) -> Array:
+    """Forces of axial springs with vectors `reach` between their ends, and `rest` unloaded."""
     length = np.linalg.norm(reach, axis=1)
     stretch = length - np.linalg.norm(rest, axis=1)
     return (stiffness * stretch / length)[:, None] * reach
 
 
+#: Right-hand side dy/dt of an ordinary differential equation, from time and state vector y.
 Rates = Callable[[float, Array], Array]
 
 
 def equations(ch: Chain, ct: Contact, drive: Drive) -> Rates:
-    """Right-hand side dy/dt of the plant; y as in `pack`."""
+    """Make the right-hand side dy/dt of fingertip and object; y as in `pack`."""
     n = len(ch.share)
     damping = ch.damping[:, None]
 
@@ -131,7 +135,7 @@ def equations(ch: Chain, ct: Contact, drive: Drive) -> Rates:
         on_node = f_n[:, None] * normal + f_f[:, None] * tangent
         v = (on_node - forces[:-1]) / damping
         on_object = (ct.travel * f_n * normal[:, 0] + f_f * tangent[:, 0]).sum()
-        # The outer nodes are held to the rigid part, which feels what pulls on them.
+        # The outer nodes are fixed to the rigid part, which receives the forces on them.
         pull = goal[0] - forces[-1, 1] - forces[0, 1] - forces[n - 1, 1]
         v_rigid = slope[0] if drive.held[0] else pull / ch.damping_rigid
         v_object = slope[1] if drive.held[1] else (goal[1] - on_object) / ct.drag
@@ -163,19 +167,22 @@ def _dahl_rate(
 
 
 def pack(state: State) -> Array:
-    """State vector: x of the nodes, z of the nodes, rigid part, object, friction; (3N + 2,)."""
+    """Pack a state into a vector: x of the nodes, z of the nodes, rigid part, object, friction.
+
+    Its shape is (3N + 2,).
+    """
     d = state.deformation
     poses = [d.rigid_part, d.object_position]
     return np.concatenate([d.nodes[:, 0], d.nodes[:, 1], poses, state.friction])
 
 
 def unpack(y: Array, n: int) -> tuple[Array, float, float, Array]:
-    """Displacements (N, 2), rigid part, object and friction (N,) of a state vector."""
+    """Split a state vector into displacements (N, 2), rigid part, object and friction (N,)."""
     return y[: 2 * n].reshape(2, n).T, float(y[2 * n]), float(y[2 * n + 1]), y[2 * n + 2 :]
 
 
 def unpacked(y: Array, rates: Array, time: float, dt: float, n: int) -> State:
-    """State of a state vector; the rates are those at its end, not means over a step."""
+    """Make a State from a state vector; its rates hold at its time, and are no step means."""
     u, rigid, object_x, friction = unpack(y, n)
     v, v_rigid, v_object, _ = unpack(rates, n)
     return State(
@@ -189,12 +196,12 @@ def unpacked(y: Array, rates: Array, time: float, dt: float, n: int) -> State:
 
 
 def euler(rates: Rates, time: float, y: Array, dt: float) -> Array:
-    """One forward Euler step."""
+    """Make one forward Euler step."""
     return y + dt * rates(time, y)
 
 
 def rk4(rates: Rates, time: float, y: Array, dt: float) -> Array:
-    """One step of the classical Runge–Kutta method."""
+    """Make one step of the classical Runge–Kutta method."""
     k1 = rates(time, y)
     k2 = rates(time + dt / 2, y + dt / 2 * k1)
     k3 = rates(time + dt / 2, y + dt / 2 * k2)
@@ -210,7 +217,7 @@ def fixed(
     dt: float,
     steps: int,
 ) -> Iterator[tuple[int, Array]]:
-    """Number and state vector of each of some explicit steps."""
+    """Make explicit steps; yield the number of steps so far and the state vector after each."""
     for k in range(steps):
         y = advance(rates, time + k * dt, y, dt)
         yield k + 1, y
@@ -224,7 +231,7 @@ def adaptive(
     dt: float,
     steps: int,
 ) -> Iterator[tuple[int, Array]]:
-    """Number and state vector of the last of some steps, which SciPy divides as it needs."""
+    """Make steps that SciPy subdivides as needed; yield their number and the last state vector."""
     end = time + steps * dt
     absolute, relative = TOLERANCES
     solution = scipy.integrate.solve_ivp(
@@ -233,7 +240,7 @@ def adaptive(
     yield steps, solution.y[:, -1] if solution.success else np.full_like(y, np.nan)
 
 
-#: Largest stable |λ|·dt on the negative real axis.
+#: Largest stable |λ|·dt on the negative real axis, by method.
 STABLE = {"euler": 2.0, "rk4": 2.785293563405282}
 
 
@@ -243,8 +250,8 @@ class Dense:
 
     Attributes
     ----------
-    name: of the method, for messages and its stable step
-    advance: number and state vector after steps, from rates, time, state vector, step and count
+    name: name of the method, for messages and its stable step
+    advance: function like `fixed` with its first argument bound
     """
 
     name: str
@@ -260,12 +267,12 @@ class Dense:
         steps: int,
         every: int,
     ) -> History:
-        """Run of some steps; see `Integrator`.
+        """Run a number of steps; see `Integrator`.
 
         Raises
         ------
         DivergedError
-            When the state grew without bound.
+            When a node moves by more than 1 m.
         """
         if ch.half:
             raise UserError(f"a half chain runs with implicit or lagged, not {self.name}")
@@ -292,6 +299,7 @@ BDF = partial(Dense, "bdf", partial(adaptive, "BDF"))
 def _refuse_lost(
     method: str, y: Array, step: int, ch: Chain, ct: Contact, state: State, dt: float
 ) -> None:
+    """Raise DivergedError for a state vector that has diverged."""
     if not abs(y[: 2 * len(ch.share) + 1]).max() < LOST:
         limit = stable_step(ch, ct, state, method)
         raise DivergedError(
@@ -305,8 +313,8 @@ def _refuse_lost(
 def stable_step(ch: Chain, ct: Contact, state: State, method: str = "euler") -> float:
     """Largest stable step of an explicit method, 2c/λmax for forward Euler [s].
 
-    λmax/c is the largest eigenvalue of the equations' own Jacobian at a state, by differences: the
-    turning of springs, contact and friction are in it.
+    λmax/c is the largest eigenvalue of the Jacobian of `equations` at a state, by finite
+    differences. It includes contact, friction and the rotation of springs.
     """
     rates = equations(ch, ct, Drive.constant(0.0))
     y = pack(state)

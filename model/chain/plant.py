@@ -1,7 +1,7 @@
 """Fingertip and object in contact, stepped in time by the implicit integrators (thesis Eq. 2).
 
-The object carries the load and a drag to ground, is massless and free along x; the rigid part is
-driven along z by the grip force and held in x (E9).
+The massless object moves along x under the load, contact forces and a drag to ground. The grip
+force drives the rigid part along z; it is fixed in x (E9).
 """
 
 import threading
@@ -24,25 +24,26 @@ from .state import State, state_of
 
 Array = NDArray[np.float64]
 
-#: The default: BDF2, everything at the end of the step, Newton through the springs' turning.
+#: Default rule: BDF2, fully implicit, Newton's method that includes the rotation of springs.
 IMPLICIT = Rule(tolerance=1e-9, max_iterations=30, turning=1.0, second_order=True, lagged=False)
-#: One linear solve a step, everything linearised at its start, first order.
+#: Semi-implicit rule: first order, one linear solve per step, linearised at its start.
 LAGGED = Rule(tolerance=0.0, max_iterations=1, turning=0.0, second_order=False, lagged=True)
-#: Largest number of parts of a step that does not converge …
+#: Largest number of parts into which a step that does not converge is divided.
 MAX_PARTS = 3000
-#: … and length of the shortest one, as a share of the step.
+#: Length of the shortest part, as a share of the step.
 SHORTEST = 1e-12
+#: Empty record, for steps that are not recorded.
 NO_RECORD = record(0, 0)
 
 
 def step(
     fingertip: Fingertip, obj: ContactObject, state: State, dt: float, grip: float, load: float
 ) -> State:
-    """State after one implicit step under constant grip force and load.
+    """Make one implicit step under constant grip force and load.
 
     Parameters
     ----------
-    fingertip, obj: the plant
+    fingertip, obj: fingertip and object
     state: state at the start of the step
     dt: step [s]; second-order accurate where the contact does not change
     grip: force on the rigid part along z [N]
@@ -51,11 +52,11 @@ def step(
     Raises
     ------
     ConvergenceError
-        When the nonlinear equations were not solved even after halving the step again and again.
+        When the nonlinear equations were not solved even after repeated halving of the step.
     LostContactError
         When there is a load but nothing touches the object.
     PiercedError
-        When the fingertip goes through a round object.
+        When the fingertip passes through a round object.
     """
     return steps(fingertip, obj, state, dt, np.array([[grip, load]])).state(-1)
 
@@ -63,12 +64,12 @@ def step(
 def steps(
     fingertip: Fingertip, obj: ContactObject, state: State, dt: float, forces: Array
 ) -> "History":
-    """States at the start and after each implicit step, with constant forces in each step.
+    """Make S implicit steps with constant forces in each; record the start and every step.
 
     Parameters
     ----------
     fingertip, obj, state, dt: see `step`
-    forces: grip and load of each step [N], shape (S, 2)
+    forces: grip and load in each step [N], shape (S, 2)
 
     Raises
     ------
@@ -85,11 +86,12 @@ def steps(
     return _march(ch, ct, state, forces, (False, False), constant, dt, 1, IMPLICIT)
 
 
+#: Work arrays of each thread, by number of nodes.
 _local = threading.local()
 
 
 def _memory(nodes: int) -> Scratch:
-    """Scratch of this thread, kept from call to call."""
+    """Work arrays of this thread, which are reused between calls."""
     kept: dict[int, Scratch] = _local.__dict__.setdefault("kept", {})
     if nodes not in kept:
         kept[nodes] = scratch(nodes)
@@ -97,7 +99,7 @@ def _memory(nodes: int) -> Scratch:
 
 
 def _copied(state: State) -> tuple[Array, Array, Array, Array, Array]:
-    """Displacements, friction, slip rate, pose and rates, to be stepped in place."""
+    """Copies of displacements, friction, slip rate, pose and rates, to be stepped in place."""
     d = state.deformation
     pose = np.array([d.rigid_part, d.object_position])
     return d.nodes.copy(), state.friction.copy(), state.slip_rate.copy(), pose, state.rate.copy()
@@ -105,17 +107,18 @@ def _copied(state: State) -> tuple[Array, Array, Array, Array, Array]:
 
 @dataclass(frozen=True, kw_only=True)
 class History:
-    """Recorded instants of a run.
+    """R recorded instants of a run of a chain with N nodes.
 
     Attributes
     ----------
-    time: of each instant, the first being that of the state it began with [s], shape (R,)
+    time: time of each instant, the first at the start of the run [s], shape (R,)
     nodes: displacements (x, z) [m], shape (R, N, 2)
     pose: displacement of the rigid part along z and of the object along x [m], shape (R, 2)
     friction: Dahl force of each node [N], shape (R, N)
     slip_rate: tangential speed of the object relative to each node [m/s], shape (R, N)
-    rate: mean rates of `nodes` and, last, of `pose` over the step before [m/s], shape (R, N + 1, 2)
-    step: that step [s]; 0 at the first instant of a run from rest, shape (R,)
+    rate: mean rates of `nodes` and, last, of `pose` over the step before each instant [m/s], shape
+        (R, N + 1, 2)
+    step: length of that step [s]; 0 at the first instant of a run from rest, shape (R,)
     """
 
     time: Array
@@ -127,11 +130,11 @@ class History:
     step: Array
 
     def __len__(self) -> int:
-        """Recorded instants."""
+        """Number of recorded instants."""
         return len(self.time)
 
     def state(self, index: int) -> State:
-        """State at a recorded instant, from which a run can go on."""
+        """State at a recorded instant, from which a run can continue."""
         return state_of(
             self.time[index],
             self.nodes[index],
@@ -153,14 +156,14 @@ def march(
     every: int,
     rule: Rule,
 ) -> History:
-    """Run an implicit rule; the start and every `every`th step are recorded."""
+    """Step by an implicit rule; record the start and every `every`th step."""
     goals = drive.at(state.time + dt * np.arange(1.0, steps + 1.0))
     return _march(ch, ct, state, goals, drive.held, lambda _: drive, dt, every, rule)
 
 
 @dataclass(frozen=True)
 class Implicit:
-    """Implicit integrator of a rule."""
+    """Integrator that steps by an implicit rule."""
 
     rule: Rule = IMPLICIT
 
@@ -174,12 +177,12 @@ class Implicit:
         steps: int,
         every: int,
     ) -> History:
-        """Run of some steps; see `Integrator`."""
+        """Run a number of steps; see `Integrator`."""
         return march(ch, ct, state, drive, dt, steps, every, self.rule)
 
 
 def lagged() -> Implicit:
-    """Semi-implicit integrator of first order."""
+    """Make the semi-implicit integrator of first order."""
     return Implicit(LAGGED)
 
 
@@ -194,7 +197,14 @@ def _march(
     every: int,
     rule: Rule,
 ) -> History:
-    """Run a rule under goals at the end of each step; `drive_of` gives those within a step."""
+    """Step by a rule.
+
+    Parameters
+    ----------
+    goals: grip and load, or positions, at the end of each step, shape (S, 2)
+    held: whether rigid part and object have given positions
+    drive_of: function that returns the drive within step k
+    """
     y = _copied(state)
     u, friction, slip, pose, rate = y
     n, steps = len(ch.share), len(goals)
@@ -237,16 +247,16 @@ def _in_parts(
     last: float,
     rule: Rule,
 ) -> None:
-    """Do a step that could not be solved in two, each halved again where it must be, in place.
+    """Divide a step without solution in two, and these again as needed; all in place.
 
-    Where a spring snaps through, no state near the last one is in balance; only in steps so short
-    that the dampers hold can it be followed.
+    Where a spring snaps through, no state near the last one is in balance. Only steps so short that
+    the dampers act can follow it.
     """
     u_before, pose_before = y[0].copy(), y[3].copy()
     waiting = [(start + dt / 2, dt / 2), (start, dt / 2)]
     for _ in range(MAX_PARTS):
         now, part = waiting.pop()
-        # A jump at the start of the step is felt by all of its parts.
+        # A jump of the drive at the start of the step acts in all of its parts.
         goal = drive.at(np.array([now + part]))
         _, ended = advance(ch, ct, memory, *y, part, last, drive.held, goal, rule, NO_RECORD, 0, 2)
         if ended == SOLVED:
@@ -264,7 +274,7 @@ def _in_parts(
 
 
 def _broken(ended: int, time: float, goal: Array, dt: float) -> ModelError:
-    """Error of a step that could not be solved."""
+    """Make the error for a step without solution."""
     if ended == PIERCED:
         return PiercedError(
             f"the fingertip went through the object at t = {time:.6g} s under {goal[0]:.4g}: it is "
@@ -282,7 +292,7 @@ def _broken(ended: int, time: float, goal: Array, dt: float) -> ModelError:
 
 
 def history(states: list[State]) -> History:
-    """States in one record."""
+    """Stack states into one History."""
     poses = [(s.deformation.rigid_part, s.deformation.object_position) for s in states]
     return History(
         time=np.array([s.time for s in states]),
