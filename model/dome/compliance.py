@@ -1,4 +1,4 @@
-"""Compliance of the skin: a table over pairs of rings, made once for each shape and ν."""
+"""Compliance of the skin: a table over pairs of node rings, made once for each shape and ν."""
 
 import math
 from collections.abc import Callable
@@ -17,38 +17,39 @@ from .layer import layer_motion, layer_moved
 Array = NDArray[np.float64]
 Table = NDArray[np.float32]
 
-#: Width of the load of a node's force, in pitches h. On a half space, whose point force
-#: F moves what is r away by c·F/r, it moves itself by √π/(2·WIDTH)·c·F/h; a disc of the node's area
-#: under uniform pressure by 16/(3·√π)·c·F/h, which makes WIDTH 0.295. With 0.5 contacts of two to
-#: four nodes' radius were 4 to 14 % too stiff.
+#: Width over which a node's force is spread, in pitches h. On a half space, where a point force F
+#: displaces a point at distance r by c·F/r, it displaces its node by √π/(2·WIDTH)·c·F/h. A uniform
+#: pressure on the node's area does so by 16/(3·√π)·c·F/h, which makes WIDTH 0.295. With 0.5,
+#: contacts with a radius of two to four nodes were 4 to 14 % too stiff.
 WIDTH = 0.3
-#: Harmonics for each unit of 1/(width of a load): beyond them a load has less than a thousandth.
+#: Number of harmonics per 1/(width of a load); higher ones are below a thousandth.
 _HARMONICS = 2.45
-#: Steps of the table in half a turn, for each harmonic.
+#: Number of angles of the table in half a turn, per harmonic.
 _STEPS = 5.3
-#: Folder of the user's cache; its tables are made anew when the version changes.
+#: Folder of the user's cache, and version of its tables; another version makes them again.
 _KIND, _VERSION = "domes", "dome compliance 2"
 
 
 def nothing(done: int, total: int) -> None:
-    """Progress that nobody asked for."""
+    """Ignore progress."""
 
 
 @lru_cache(maxsize=4)
 def compliance_table(body: SoftBody, progress: Callable[[int, int], None] = nothing) -> Table:
-    """Displacements of the skin for forces on it, over pairs of rings and the angle between nodes.
+    """Displacements of the skin for unit forces, over pairs of rings and the angle between nodes.
 
     The first call for a shape and ν of a dome solves its elasticity, which takes some seconds; the
-    table is then kept in the user's cache folder. That of a pad takes a second and is not kept.
+    table is then stored in the user's cache folder. A pad's table takes a second and is not stored.
 
     Parameters
     ----------
-    progress: called with the harmonics that are done and all of them
+    body: dome or pad
+    progress: function called with the numbers of finished and of all harmonics
 
     Returns
     -------
-    float32, shape (P, K, 9): pairs of rings, angles from 0 to π with one step before and two after,
-    and components (r, φ, z) × (r, φ, z); in units of 1/(E·R), see `compliance_scale`.
+    float32, shape (P, K, 9): P pairs of rings; K angles, from 0 to π with one step before and two
+    after; and components (r, φ, z) of displacement × force, in units of `compliance_scale`.
     """
     table = _TABLES[type(body)](body, progress)
     table.setflags(write=False)
@@ -56,7 +57,7 @@ def compliance_table(body: SoftBody, progress: Callable[[int, int], None] = noth
 
 
 def _kept_table(dome: Dome, progress: Callable[[int, int], None]) -> Table:
-    """Table of a dome, which is kept in the user's cache folder."""
+    """Table of a dome, from the user's cache folder if it is there."""
     key = content_key(_VERSION, np.array(_shape(dome)), np.array(lattice(dome).angles))
     found = kept(_KIND, key)
     if found is None:
@@ -71,7 +72,7 @@ def _shape(dome: Dome) -> tuple[float, float, float]:
 
 
 def compliance_scale(body: SoftBody) -> float:
-    """Metres per newton of a unit of the table."""
+    """Unit of the table, 1/(E·R) [m/N]."""
     return 1.0 / (body.young * body.radius)
 
 
@@ -83,10 +84,10 @@ def skin_compliance(body: SoftBody) -> SkinCompliance:
 
 
 def _pad_table(pad: Pad, progress: Callable[[int, int], None]) -> Table:
-    """Table of a pad: what a force does depends on the way from it alone."""
+    """Table of a pad, where displacement depends only on the vector from the force."""
     rings = lattice(pad).angles / pad.radius
     width = WIDTH * pad.spacing / pad.radius
-    # Spread as a bump where it acts, and weighed with that bump where it moves the skin.
+    # A force is spread as a bump, and its effect is averaged with the same bump.
     motion = layer_motion(pad.thickness / pad.radius, pad.poisson, math.sqrt(2.0) * width, 2.5, 0.0)
     steps = int(np.ceil(_STEPS * _HARMONICS * rings[-1] / width))
     turns = np.arange(-1, steps + 3) * np.pi / steps
@@ -102,7 +103,7 @@ def _pad_table(pad: Pad, progress: Callable[[int, int], None]) -> Table:
 
 
 def make_table(dome: Dome, progress: Callable[[int, int], None] = nothing) -> Table:
-    """As `compliance_table` of a dome, made anew."""
+    """Compute the table of a dome, see `compliance_table`, without the cache."""
     core, poisson, width = _shape(dome)
     rings = lattice(dome).angles
     harmonics = int(np.ceil(_HARMONICS * np.sin(rings[-1]) / width))
@@ -119,7 +120,7 @@ def make_table(dome: Dome, progress: Callable[[int, int], None] = nothing) -> Ta
     turns = np.outer(np.arange(-1, steps + 3) * np.pi / steps, np.arange(harmonics + 1))
     table = np.empty((len(low), steps + 4, 3, 3), np.float32)
     even, odd = np.cos(turns), np.sin(turns)
-    # A force along y is that of the mirrored problem: what it does to x and z goes with the sine.
+    # A force along y is that of the mirrored problem: it moves x and z with the sine.
     for a in range(3):
         for b in range(3):
             wave = even if (a == 1) == (b == 1) else odd if b == 1 else -odd
@@ -127,7 +128,7 @@ def make_table(dome: Dome, progress: Callable[[int, int], None] = nothing) -> Ta
     return table.reshape(len(low), steps + 4, 9)
 
 
-#: What makes the table of each kind of body.
+#: Function that makes the table, by kind of body.
 _TABLES: dict[type[SoftBody], Callable[[Any, Callable[[int, int], None]], Table]] = {
     Dome: _kept_table,
     Pad: _pad_table,

@@ -1,8 +1,8 @@
 """Linear elasticity of a flat layer that is bonded to a rigid base, by waves along it.
 
-A traction that goes with cos(k·x) moves the layer by the same wave, whose amplitude over the depth
-is known in closed form. The motion for a force that is spread as a bump is the sum over all waves,
-an integral with Bessel functions. Young's modulus is 1.
+A traction proportional to cos(k·x) displaces the layer by the same wave, whose amplitude at any
+depth is known in closed form. The displacement for a force that is spread as a bump is the integral
+over all waves, with Bessel functions. Young's modulus is 1.
 """
 
 from functools import lru_cache
@@ -13,23 +13,24 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Distance beyond which nothing arrives, in thicknesses.
+#: Distance beyond which the displacement is taken as 0, in thicknesses.
 FAR = 20.0
-#: Waves shorter than this many widths of a bump are left out: k·width.
+#: Largest wave number k, as k·width of a bump.
 _SHORTEST = 6.0
-#: Distances are tabulated in steps of this share of the bump's width.
+#: Step of the tabulated distances, as a share of the bump's width.
 _STEP = 0.25
-#: Steps on the other side of 0, for the spline.
+#: Number of steps on the other side of 0, for the spline.
 _BEFORE = 5
 
 
 def wave_amplitudes(k: Array, thickness: float, poisson: float, depth: float) -> Array:
-    """Motion at a depth for unit tractions on the skin that go with waves along it.
+    """Displacement amplitudes at a depth for unit waves of traction on the skin.
 
     Parameters
     ----------
     k: wave numbers, above 0, shape (K,)
-    depth: under the skin
+    thickness, poisson: thickness and Poisson's ratio of the layer
+    depth: depth under the skin
 
     Returns
     -------
@@ -42,9 +43,9 @@ def wave_amplitudes(k: Array, thickness: float, poisson: float, depth: float) ->
     h = k * thickness
 
     def fields(z: Array) -> Array:
-        """u_x, u_z and their slopes along k·z for the four solutions, (4 fields, 4, K)."""
+        """u_x, u_z and their derivatives by k·z for the four solutions, (4 fields, 4, K)."""
         columns = []
-        # One part fades from the skin (x = kz), the other from the base (x = kz + kh).
+        # Two solutions decay from the skin (x = kz), two from the base (x = kz + kh).
         for s, x in ((1.0, z), (-1.0, z + h)):
             e, one = np.exp(s * x), np.ones_like(x)
             columns.append(e * np.stack([one, -s * one, s * one, -one]))
@@ -65,17 +66,19 @@ def wave_amplitudes(k: Array, thickness: float, poisson: float, depth: float) ->
 def layer_motion(
     thickness: float, poisson: float, width: float, reach: float, depth: float
 ) -> "scipy.interpolate.CubicSpline":
-    """Motion at a depth over the distance r from a unit force that is spread as a bump.
+    """Displacement at a depth, against the distance r from a unit force that is spread as a bump.
 
     Parameters
     ----------
+    thickness, poisson: thickness and Poisson's ratio of the layer
     width: standard deviation of the bump
-    reach: largest distance that is asked for
+    reach: largest distance of interest
+    depth: depth under the skin
 
     Returns
     -------
-    A function of r with values (…, 5), over Young's modulus: u_z and u_r for a force along z; u_z
-    over cos φ for one along x; and a, b, with u = a·f − b·(2·r̂·r̂ᵀ − 1)·f for f along the layer.
+    A function of r with values (…, 5), for a Young's modulus of 1: u_z and u_r for a force along z;
+    u_z over cos φ for one along x; and a, b in u = a·f − b·(2·r̂·r̂ᵀ − 1)·f for f along the layer.
     """
     far = min(FAR * thickness, reach)
     step = _STEP * width
@@ -101,12 +104,12 @@ def layer_motion(
 
 
 def layer_moved(motion: "scipy.interpolate.CubicSpline", way: Array) -> Array:
-    """Displacement (x, y, z) for unit forces (x, y, z), from the force to the place by `way`.
+    """Displacement (x, y, z) for unit forces along x, y and z.
 
     Parameters
     ----------
-    motion: of `layer_motion`
-    way: along the layer, shape (…, 2)
+    motion: result of `layer_motion`
+    way: vector along the layer from the force to the place, shape (…, 2)
 
     Returns
     -------
@@ -118,15 +121,15 @@ def layer_moved(motion: "scipy.interpolate.CubicSpline", way: Array) -> Array:
 
 
 def layer_slopes(motion: "scipy.interpolate.CubicSpline", way: Array) -> Array:
-    """Slopes of `layer_moved` along x and y, shape (…, 3, 3, 2)."""
+    """Derivatives of `layer_moved` with respect to x and y, shape (…, 3, 3, 2)."""
     r, x, y = _apart(way)
     on = (r < motion.x[-1])[..., None]
-    r = np.maximum(r, 1e-6 * motion.x[-1])  # at 0 what is over r is a slope
+    r = np.maximum(r, 1e-6 * motion.x[-1])  # quotients by r have a limit at 0
     _, ur, zx, _, b = np.moveaxis(motion(r) * on, -1, 0) / r
     uz_r, ur_r, zx_r, a_r, b_r = np.moveaxis(motion(r, 1) * on, -1, 0)
     cos, sin = _doubled(x, y)
     none = np.zeros_like(r)
-    # Along r̂, and across it, where r̂ turns by 1/r.
+    # Along r̂, and across it, where r̂ rotates by 1/r.
     outwards = _parts(a_r, b_r, (cos, sin), ur_r, zx_r, uz_r, (x, y))
     around = _parts(none, 2.0 * b, (-sin, cos), ur, zx, none, (-y, x))
     along = np.stack([x, y, -y, x], axis=-1).reshape(*r.shape, 1, 1, 2, 2)
@@ -137,7 +140,7 @@ def _parts(
     a: Array, b: Array, double: tuple[Array, Array], ur: Array, zx: Array, uz: Array,
     unit: tuple[Array, Array],
 ) -> Array:  # fmt: skip
-    """Displacement × force, shape (…, 3, 3), of the parts of `layer_motion`."""
+    """Assemble displacement × force, shape (…, 3, 3), from the parts of `layer_motion`."""
     (cos, sin), (x, y) = double, unit
     rows = [[a - b * cos, -b * sin, ur * x], [-b * sin, a + b * cos, ur * y], [zx * x, zx * y, uz]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
@@ -149,7 +152,7 @@ def _doubled(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _apart(way: Array) -> tuple[Array, Array, Array]:
-    """Distance, and the unit vector, of ways (…, 2)."""
+    """Length r of vectors (…, 2), and the components x and y of their unit vectors."""
     r = np.hypot(way[..., 0], way[..., 1])
     some = np.where(r > 0.0, r, 1.0)
     return r, np.where(r > 0.0, way[..., 0] / some, 1.0), way[..., 1] / some

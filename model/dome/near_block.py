@@ -11,12 +11,12 @@ from .dome import SoftBody
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-#: Nodes that room is made for beyond those that are asked for.
+#: Number of nodes for which memory is allocated in addition to those needed now.
 _SPARE = 32
 
 
 class NearBlock:
-    """Compliance among a few nodes of a body, which are changed as the object moves.
+    """Compliance matrix of the n active nodes of a body, which change as the object moves.
 
     Parameters
     ----------
@@ -24,10 +24,10 @@ class NearBlock:
 
     Attributes
     ----------
-    near: numbers of the nodes, shape (n,)
-    compliance: among them [m/N], at least (3n, 3n)
-    own: of each of them [m/N], shape (n, 3, 3)
-    system: arrays of their equations
+    near: indices of the active nodes, shape (n,)
+    compliance: compliance among them [m/N], shape (3n, 3n) or larger
+    own: compliance of each node for its own force [m/N], shape (n, 3, 3)
+    system: work arrays of their equations
     """
 
     def __init__(self, dome: SoftBody) -> None:
@@ -39,18 +39,18 @@ class NearBlock:
         self.system: System = new_system(0)
 
     def take(self, near: Index, kept: int) -> None:
-        """Look at `near`; the compliance among the first `kept` is there."""
+        """Make `near` the active nodes; compliances among the first `kept` are already computed."""
         if len(near) > self._room:
             self._room = len(near) + _SPARE
             room = np.zeros((3 * self._room, 3 * self._room), np.float32)
             room[: 3 * kept, : 3 * kept] = self.compliance[: 3 * kept, : 3 * kept]
             self.compliance, self.system = room, new_system(self._room)
-        self.system.gathered[0] = -1  # whatever it held
+        self.system.gathered[0] = -1  # its content is outdated
         self.near = near
         fill_block(self._skin, near, kept, self.compliance)
         each, blocks = np.arange(len(near)), self.compliance.reshape(self._room, 3, -1, 3)
         self.own = np.ascontiguousarray(blocks[each, :, each], np.float64)
 
     def displace(self, loaded: Index, forces: Array, nodes: Index, out: Array) -> None:
-        """Displacement [m] of nodes by forces (N, 3) [N] on the loaded ones, into `out` (N, 3)."""
+        """Displacements of nodes [m] by forces (N, 3) [N] on the loaded ones, into `out` (N, 3)."""
         displace(self._skin, loaded, forces, nodes, out)

@@ -1,4 +1,4 @@
-"""Where an object just touches the silicone."""
+"""Placing of an object so that it just touches the silicone."""
 
 import numpy as np
 import scipy
@@ -12,28 +12,28 @@ from .solid import Solid
 
 Array = NDArray[np.float64]
 
-#: Points about one, on which the nearest of the skin is looked for; how often, in steps that
-#: shrink by this factor.
+#: Stencil of the search for the point of the skin nearest to the object; number of searches, and
+#: factor by which the stencil shrinks.
 _AROUND = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 3)] * 3), axis=-1).reshape(-1, 3)
 _LOOKS, _SHRINK = 32, 0.6
-#: Most ways down to the skin, and the shortest [m].
+#: Largest number of steps down to the skin, and the shortest step [m].
 _WAYS, _DOWN = 400, 1e-6
 
 
 def rotation_of(pose: Array) -> Array:
-    """Rotation (3, 3) of a pose (6,), from the object's own frame to the world's."""
+    """Rotation matrix (3, 3) of a pose (6,), from the object's own frame to the world's."""
     return turned(np.eye(3), np.ascontiguousarray(pose[3:]))
 
 
 def touching_place(
     dome: SoftBody, solid: Solid, rotation: Array, beside: tuple[float, float] = (0.0, 0.0)
 ) -> Array:
-    """Place above the apex at which a turned object just touches the skin [m], shape (3,).
+    """Position of an object's origin at which it just touches the skin from above [m], shape (3,).
 
     Parameters
     ----------
-    rotation: from the object's own frame to the world's, shape (3, 3)
-    beside: of the place beside the apex, along x and y [m]
+    rotation: rotation matrix from the object's own frame to the world's, shape (3, 3)
+    beside: offset of the origin from the axis, along x and y [m]
 
     Raises
     ------
@@ -61,7 +61,7 @@ def touching_place(
         gap = lowest(height)
         if gap <= 0.0:
             return np.array([*beside, scipy.optimize.brentq(lowest, height, above, xtol=1e-10)])
-        # A distance is a lower bound, and tells less than the way at edges that a mesh rounds.
+        # The distance is a lower bound of the remaining way; at rounded mesh edges it is less.
         above, height = height, height - max(gap, _DOWN)
     raise UserError(f"the object {solid.shape.name} does not come to lie on the skin from above")
 
@@ -69,7 +69,7 @@ def touching_place(
 def rise_beside(
     dome: SoftBody, solid: Solid, rotation: Array, beside: tuple[float, float]
 ) -> float:
-    """How much higher an object just touches beside the axis than on it [m]; negative is lower."""
+    """Height of an object's origin at touch next to the axis, minus that on the axis [m]."""
     if not any(beside):
         return 0.0
     there = touching_place(dome, solid, rotation, beside)

@@ -1,4 +1,4 @@
-"""How far an object has slipped over a dome, by the words of `chain.metrics`."""
+"""Slip of an object over a dome, with the same measures as `chain.metrics`."""
 
 from dataclasses import dataclass
 
@@ -11,23 +11,23 @@ from .state import DomeState
 
 Array = NDArray[np.float64]
 
-#: How far a point of the skin may be from the nearest node [pitches].
+#: Largest distance of a point of the skin from the nearest node [pitches].
 NEAREST = 0.6
-#: Places of the axes that follow each one.
+#: Indices of the next axis and of the one after it.
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 @dataclass(frozen=True, kw_only=True)
 class DomeSlip:
-    """Slip of an object over a dome up to now.
+    """Slip of an object over a dome so far.
 
     Attributes
     ----------
-    path: of the object over each node, along the surface, since the contact began [m], shape
+    path: slip of the object over each node, along the surface, since the contact began [m], shape
         (N, 3); NaN out of contact
-    current: min over the nodes in contact of |path| [m]
+    current: minimum of |path| over the nodes in contact [m]
     lateral_displacement: maximum of `current` so far [m]
-    rigid_slip: sum over the steps of the least path of a node in contact [m]
+    rigid_slip: sum over the steps of the smallest slip of a node in contact [m]
     """
 
     path: Array
@@ -37,23 +37,25 @@ class DomeSlip:
 
 
 def no_dome_slip(dome: SoftBody) -> DomeSlip:
-    """Record of a grasp that has not begun."""
+    """Slip record at the start of a grasp."""
     return DomeSlip(path=np.full_like(lattice(dome).points, np.nan))
 
 
 def follow_dome_slip(
     record: DomeSlip, dome: SoftBody, before: DomeState, after: DomeState, field: ForceField
 ) -> DomeSlip:
-    """Record after a step.
+    """Update a slip record by one step.
 
-    A node that joins the contact starts from the slip of the contact so far, as on the chain.
-    An object that only turns about its contact has a point at rest below it, as a rule between
-    nodes, and does not slip.
+    A node that joins the contact starts with the slip of the contact so far, as on the chain. Under
+    an object that only turns about its contact one point is at rest, usually between nodes: this is
+    no slip.
 
     Parameters
     ----------
-    before, after: states at the ends of the step
-    field: forces of the state after it
+    record: record before the step
+    dome: body
+    before, after: states at the start and the end of the step
+    field: contact forces of the state `after`
     """
     touching = field.contact
     path = np.full_like(record.path, np.nan)
@@ -68,7 +70,7 @@ def follow_dome_slip(
     sizes = np.linalg.norm(old, axis=1)
     known = np.isfinite(sizes)
     slid = old[known][np.argmin(sizes[known])] if known.any() else np.zeros(3)
-    # What touched in neither state has not moved in contact: its path begins after this step.
+    # The path of a node without contact before begins after this step.
     path[touching] = np.where(known[:, None], old + step, slid)
     places = field.position[touching]
     half = NEAREST * dome.spacing
@@ -83,11 +85,12 @@ def follow_dome_slip(
 
 
 def _least(paths: Array, places: Array, normals: Array, around: float) -> float:
-    """Least path in a contact whose paths are known at some places; points around them count too.
+    """Smallest path length in a contact, also at points between the places of known paths.
 
     Parameters
     ----------
-    around: how far from a place a point of the contact may be [m]
+    paths, places, normals: paths at places of the contact, and the object's normals, each (n, 3)
+    around: largest distance of a point of the contact from the nearest place [m]
     """
     if not len(paths):
         return 0.0
@@ -102,12 +105,12 @@ def _least(paths: Array, places: Array, normals: Array, around: float) -> float:
 def _sliding(
     dome: SoftBody, before: DomeState, after: DomeState, nodes: NDArray[np.bool_]
 ) -> Array:
-    """Path of the object over some nodes in a step, in its tangent planes [m], shape (n, 3)."""
+    """Slip of the object over some nodes in a step, in its tangent planes [m], shape (n, 3)."""
     points = lattice(dome).points[nodes]
     normals = after.normals[nodes]
     then = points + before.displacement[nodes]
     now = points + after.displacement[nodes]
-    # The object's material point that was at the node before
+    # Present position of the object's material point that was at the node before.
     carried = (then - before.place) @ before.rotation @ after.rotation.T + after.place
     path = carried - now
     return path - normals * np.einsum("ij,ij->i", path, normals)[:, None]

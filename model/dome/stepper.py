@@ -1,4 +1,4 @@
-"""A dome in contact, one step after another; the arrays that a step works in."""
+"""Stepper of a dome in contact, which owns the arrays of the steps."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +18,15 @@ from .state import DomeState, StepCount, check_state
 
 Array = NDArray[np.float64]
 
-#: Relative change of the forces at which a step is solved, and the most rounds it may take.
+#: Largest relative change of the forces in the last round of a solved step, and number of rounds.
 TOLERANCE, ROUNDS = 3e-4, 20
-#: Times that a step is halved; the parts are taken as they are if they changed by less than this.
+#: Number of halvings of a step, and error below which the shortest parts are accepted.
 HALVINGS, ENOUGH = 4, 0.05
-#: Times that it is halved before the skin is slowed down, and the most steps of that.
+#: Number of halvings before artificial viscosity is tried, and largest number of its steps.
 _BEFORE_CREEP, _CREEPS = 1, 80
-#: Lag of a skin that is slowed down, at first, at most, and below which it is none.
+#: Lag of artificial viscosity: at first, at most, and the smallest before it is set to 0.
 _SLOW, _SLOWEST, _QUICK = 8.0, 1e3, 0.3
-#: A step in which a free object might leap through the silicone is halved up to so many times.
+#: Number of halvings of a step in which a free object might leap through the silicone.
 _LEAPS = 10
 
 
@@ -39,11 +39,11 @@ class Stepper(Skin):
         super().__init__(dome, solid, state)
 
     def advance(self, until: float, load: Array | None = None) -> StepCount:
-        """Step to a time, in halves where it does not converge.
+        """Step to a time [s], in halves as long as it does not converge.
 
         Parameters
         ----------
-        load: force and torque on the free axes [N, N·m], shape (6,); None is the motion's
+        load: force and torque on the free axes [N, N·m], shape (6,); None: those of the motion
 
         Raises
         ------
@@ -55,6 +55,7 @@ class Stepper(Skin):
         return count
 
     def _attempt(self, until: float, depth: int, load: Array | None) -> StepCount:
+        """Make a step that is halved `depth` times so far, or its halves."""
         before = self.state()
         count = self._solve(until, self.dome.relaxation / (until - self.time), load)
         leapt = np.linalg.norm(self.place - before.place) > self.dome.stride
@@ -81,6 +82,7 @@ class Stepper(Skin):
         )
 
     def _enough(self, count: StepCount, until: float, step: float) -> StepCount:
+        """Accept a step with a small error, else raise ConvergenceError."""
         if count.error < ENOUGH:
             return count._replace(unconverged=1)
         raise ConvergenceError(
@@ -89,10 +91,10 @@ class Stepper(Skin):
         )
 
     def _creep(self, until: float) -> StepCount:
-        """Step in which the skin is slowed down, more and then less, until it is at rest.
+        """Make a step with artificial viscosity, which is reduced to 0 as the skin comes to rest.
 
-        Where a node snaps over an edge there is no equilibrium near the one before, however short
-        the step; a viscous skin has a way to the next one.
+        Where a node snaps over an edge there is no equilibrium near the previous one, however short
+        the step. A viscous skin moves continuously to the next one.
         """
         step = until - self.time
         self.memory[:] = self.linear
@@ -117,6 +119,7 @@ class Stepper(Skin):
         return self._enough(count._replace(error=max(count.error, TOLERANCE)), until, step)
 
     def _solve(self, until: float, lag: float, load: Array | None = None) -> StepCount:
+        """Solve one step and take it over, whatever its error; `lag` is viscosity over step."""
         step = until - self.time
         free = np.asarray(self.motion.moves_free, np.bool_)
         moves = bool(free.any())
@@ -147,7 +150,7 @@ class Stepper(Skin):
         return StepCount(rounds, products, touching, 0, error)
 
     def _guess(self, until: float) -> tuple[Array, Array]:
-        """Pose that the step starts from on its free axes, and goes to on the others."""
+        """Guess the pose after a step: the present one on free axes, else the prescribed one."""
         motion, free = self.motion, self.motion.moves_free
         if not free.any():
             return self._pose(motion.pose_at(until))
@@ -165,7 +168,7 @@ class Stepper(Skin):
     def _inertia(
         self, rotation: Array, until: float, step: float, load: Array | None
     ) -> tuple[Array, Array]:
-        """M of the free axes over a step, and the wrench with which they would move freely."""
+        """Inertia matrix of the free axes over a step, and wrench that drives them."""
         motion = self.motion
         wanted = (motion.load_at(until) if load is None else load).copy()
         inertia = np.zeros((6, 6))
@@ -183,6 +186,7 @@ class Stepper(Skin):
         return inertia, wanted
 
     def _velocity(self, step: float, place: Array, moved: Array) -> Array:
+        """Velocity and angular velocity of the object after a step, shape (6,)."""
         free = self.motion.moves_free
         change = np.concatenate([place - self.place, moved[3:]]) / step
         if not free.any():
