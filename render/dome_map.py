@@ -142,10 +142,7 @@ def _chart(places: Array) -> Array:
 def _between(
     sensor: SensorDesign, mesh: "scipy.spatial.Delaunay", places: Array, wanted: Array, depth: float
 ) -> "scipy.sparse.csr_matrix":
-    """Matrix from displacement and derivatives at V `places` to displacements at P `wanted` ones.
-
-    Its shape is (P, 3V); see `DomeSheets` for the formula.
-    """
+    """Matrix (P, 3V) from values and derivatives at V `places` to values at P `wanted` ones."""
     skin, at = sensor.shape, _chart(wanted)
     found = mesh.find_simplex(at)
     off = found < 0
@@ -174,10 +171,7 @@ def _between(
 def _slopes(
     sensor: SensorDesign, mesh: "scipy.spatial.Delaunay", places: Array
 ) -> "scipy.sparse.csr_matrix":
-    """Matrix from V displacements on the skin to each with its two derivatives, (3V, V).
-
-    The derivatives are fitted to the neighbours by least squares.
-    """
+    """Matrix (3V, V) that adds derivatives, fitted to neighbours, to V displacements."""
     points = sensor.shape.points(places, 0.0)
     along, across = sensor.shape.tangents(places)
     first, around = mesh.vertex_neighbor_vertices

@@ -280,13 +280,7 @@ def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDA
 
 
 def _markers(spots: list[Spots], levels: Array, ratio: Single, palette: Palette) -> list[Markers]:
-    """Measure the markers of each layer's spots.
-
-    Parameters
-    ----------
-    levels: sRGB levels, shape (H, W, 3)
-    ratio: linear light over that of the ground, shape (H, W, 3)
-    """
+    """Measure the markers of each layer's spots; `ratio` is linear light over the ground's."""
     # Dyes have the strength of this picture, or the nominal one in a layer without markers.
     strength = [layer.density if len(layer.area) else 1.0 for layer in spots]
     dyes = palette.transmittance ** np.array(strength)[:, None]

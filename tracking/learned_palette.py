@@ -74,7 +74,6 @@ def learn_palette(
     ----------
     image: sRGB picture, shape (H, W, 3)
     seen: positions of its markers
-    settings: tuned parameters
     """
     linear = decode_srgb(image.astype(float)).astype(np.float32)
     smooth = np.maximum(np.asarray(cv2.medianBlur(linear, 3)), np.float32(DARKEST))
@@ -147,14 +146,9 @@ def _one_dye(light: Array, around: Array, bright: bool, settings: PaletteSetting
 
 
 def _both_known(dye: Array, seen: Sighting, error: float) -> Palette | None:
-    """Return the default palette if the colour is that of both its dyes together, else None.
+    """Return the default palette if a transmittance (3,) is that of both its dyes, else None.
 
     Where layers lie exactly on each other, as at rest, a picture shows neither dye alone.
-
-    Parameters
-    ----------
-    dye: transmittance, shape (3,)
-    error: largest relative error
     """
     usual = load_palette()
     both, own = -np.log(usual.transmittance).sum(axis=0), -np.log(dye)

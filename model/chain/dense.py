@@ -37,9 +37,7 @@ TOLERANCES = (1e-9, 1e-6)
 
 
 def stiffness_matrix(ch: Chain, u: Array, rigid: float) -> Array:
-    """Stiffness matrix K of the thesis's Fig. 6.
-
-    Rows and columns are x of the N nodes and the rigid part, then z in the same order.
+    """Stiffness matrix K (thesis Fig. 6): x of the N nodes and the rigid part, then z of them.
 
     Parameters
     ----------
@@ -167,10 +165,7 @@ def _dahl_rate(
 
 
 def pack(state: State) -> Array:
-    """Pack a state into a vector: x of the nodes, z of the nodes, rigid part, object, friction.
-
-    Its shape is (3N + 2,).
-    """
+    """State vector (3N + 2,): x of the nodes, z of the nodes, rigid part, object, friction."""
     d = state.deformation
     poses = [d.rigid_part, d.object_position]
     return np.concatenate([d.nodes[:, 0], d.nodes[:, 1], poses, state.friction])

@@ -194,12 +194,7 @@ def _advance_many(
     rate: Array, dt: float, before: float, held: tuple[bool, bool], goals: Array, rule: Rule,
     nothing: Record, begin: int, stop: int, done: int,
 ) -> tuple[int, int, int]:  # fmt: skip
-    """Advance fingertips begin…stop in place.
-
-    Returns
-    -------
-    Index of the first fingertip that has no solution, its finished steps, and the reason.
-    """
+    """Advance fingertips begin…stop in place; return the first failure: index, step and reason."""
     no_knots, no_pieces = np.empty(0), np.empty((1, 4))
     steps = goals.shape[1]
     for b in range(begin, stop):

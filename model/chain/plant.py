@@ -197,14 +197,7 @@ def _march(
     every: int,
     rule: Rule,
 ) -> History:
-    """Step by a rule.
-
-    Parameters
-    ----------
-    goals: grip and load, or positions, at the end of each step, shape (S, 2)
-    held: whether rigid part and object have given positions
-    drive_of: function that returns the drive within step k
-    """
+    """Step by a rule to grip and load `goals` (S, 2); `drive_of` gives the drive within a step."""
     y = _copied(state)
     u, friction, slip, pose, rate = y
     n, steps = len(ch.share), len(goals)

@@ -29,7 +29,6 @@ def wave_amplitudes(k: Array, thickness: float, poisson: float, depth: float) ->
     Parameters
     ----------
     k: wave numbers, above 0, shape (K,)
-    thickness, poisson: thickness and Poisson's ratio of the layer
     depth: depth under the skin
 
     Returns
@@ -70,7 +69,6 @@ def layer_motion(
 
     Parameters
     ----------
-    thickness, poisson: thickness and Poisson's ratio of the layer
     width: standard deviation of the bump
     reach: largest distance of interest
     depth: depth under the skin

@@ -202,8 +202,6 @@ class PosedContacts:
         Parameters
         ----------
         last: contact before the step, on the active nodes
-        solid: object
-        rotation, place: pose of the object after the step
         alike: similar contact on any nodes, as a guess that shortens the iteration
 
         Raises

@@ -52,8 +52,6 @@ def follow_dome_slip(
 
     Parameters
     ----------
-    record: record before the step
-    dome: body
     before, after: states at the start and the end of the step
     field: contact forces of the state `after`
     """
@@ -89,7 +87,6 @@ def _least(paths: Array, places: Array, normals: Array, around: float) -> float:
 
     Parameters
     ----------
-    paths, places, normals: paths at places of the contact, and the object's normals, each (n, 3)
     around: largest distance of a point of the contact from the nearest place [m]
     """
     if not len(paths):

@@ -84,11 +84,7 @@ def follow_pinch(
 
     Parameters
     ----------
-    record: record before the step
-    pinch: fingertips, object and hand
-    state: state after the step
     fields: contact forces of both fingertips in the state, each in its own frame
-    limits: limits of the grasp
     """
     domes, states = (pinch.first, pinch.second), (state.first, state.second)
     skins = [_moved(*each) for each in zip(domes, states, fields, strict=True)]

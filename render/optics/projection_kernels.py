@@ -197,7 +197,7 @@ def project_points(points: Array, port: Port, lens: Lens, out: Array) -> None:
 
 @njit()
 def project_lanes(x: Array, y: Array, z: Array, port: Port, lens: Lens) -> None:
-    """Project points in place: their coordinates [m] become pixels in x and y, z is overwritten.
+    """Project points in place: coordinates [m] become pixels in x and y; z is overwritten.
 
     The same as `apparent` and `pixel`, in loops that vectorise without refraction.
     """

@@ -67,7 +67,6 @@ def prepare_fit(
     rest: rest frame with one layer or two
     palette: colours of the markers
     noise: standard deviation of the camera noise [grey levels]; rounding is added to it
-    settings: tuned parameters
     """
     linear, weight = level_tables(_NO_LIFT, noise)
     layers, count, _ = rest.position.shape
@@ -239,11 +238,8 @@ class PairFit:
 
         Parameters
         ----------
-        image, fits: image and the fit to it so far
-        start: state from which to start
         tried: pairs that are fitted again, shape (M,); others with too large a misfit count as lost
         limit: largest misfit of each pair, shape (M,)
-        steps: largest number of steps of each fit
         """
         bad = fits.misfit > limit
         state = fits.state.copied()

@@ -238,13 +238,7 @@ INTERVALS = {
 
 
 def columns_of(body: Body, reading: bool = False) -> Columns:
-    """Columns of the tables of a sequence.
-
-    Parameters
-    ----------
-    body: kind of body, chain or dome
-    reading: whether a reconstructor's estimates are stored too
-    """
+    """Columns of a body's tables; with `reading`, also those of a reconstructor's estimates."""
     columns = _OF[body]
     if not reading:
         return columns

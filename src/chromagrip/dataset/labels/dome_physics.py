@@ -1,7 +1,4 @@
-"""Physical laws that the labels of a dome must obey.
-
-They are elasticity, depth, friction cones, slip of nodes against friction, and balance of forces.
-"""
+"""Laws that a dome's labels must obey: elasticity, depth, friction cones, slip, force balance."""
 
 from collections.abc import Iterator
 from typing import Self
@@ -192,14 +189,7 @@ def _markers(own: _Dome, stored: Stored) -> Table:
 
 
 def _open(told: Array, law: Array, apart: Array) -> Array:
-    """Clip stored values to the interval that a law allows.
-
-    Parameters
-    ----------
-    told: stored values
-    law: values by the law
-    apart: deviation from the law in the scene simulated again; twice that is allowed
-    """
+    """Clip stored values to those by a law ± twice `apart`, the deviation in the simulation."""
     return np.clip(told, law - 2.0 * abs(apart), law + 2.0 * abs(apart))
 
 

@@ -1,7 +1,4 @@
-"""Comparison of the columns of a sequence with physical laws, and the laws that hold for any body.
-
-A law gives the values that a column must have by the scene and other columns.
-"""
+"""Comparison of a sequence's columns with physical laws, and the laws that hold for any body."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
