@@ -78,10 +78,12 @@ class HarmonicMap:
 
 
 def _columns(values: Array, like: Array) -> Array:
+    """Append axes to values (M,) so that they multiply `like`."""
     return values.reshape(values.shape + (1,) * (like.ndim - 1))
 
 
 def _apply(matrix: "scipy.sparse.csr_array", nodal: Array) -> Array:
+    """Multiply a sparse matrix by nodal values (N, …)."""
     flat = matrix @ nodal.reshape(nodal.shape[0], -1)
     return flat.reshape((flat.shape[0], *nodal.shape[1:]))
 

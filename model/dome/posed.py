@@ -87,6 +87,7 @@ class PosedContact:
         return replace(self._made(spread), nodes=np.arange(count))
 
     def _made(self, of: Any) -> "PosedContact":
+        """Copy with every array except `nodes` made by `of`, from its name."""
         values = {each.name: of(each.name) for each in fields(self) if each.name != "nodes"}
         return replace(self, **values)
 

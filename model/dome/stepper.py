@@ -163,6 +163,7 @@ class Stepper(Skin):
         return rotation, np.where(free[:3], self.place, place)
 
     def _pose(self, pose: Array) -> tuple[Array, Array]:
+        """Rotation and position of the object at a pose of the motion."""
         return rotation_of(pose), self.start + pose[:3]
 
     def _inertia(

@@ -91,6 +91,7 @@ class PinchStepper:
         self._now(state)
 
     def _now(self, state: PinchState) -> None:
+        """Set the values of a state that belong to no skin."""
         self.time, self.moving, self.closing = state.time, state.moving, state.closing
         self.drift, self.support, self.level = state.drift, state.support, state.level
         self.came = state.came
@@ -122,6 +123,7 @@ class PinchStepper:
         return count
 
     def _attempt(self, until: float, grip: float, depth: int) -> StepCount:
+        """Make a step that is halved `depth` times so far, or its halves."""
         before = self.state()
         place, _ = self.pose()
         count = self._solve(until, grip)
@@ -150,6 +152,7 @@ class PinchStepper:
         )
 
     def _solve(self, until: float, grip: float) -> StepCount:
+        """Solve one step and take it over, whatever its error."""
         step = until - self.time
         lags = [skin.dome.relaxation / step for skin in self.skins]
         s, hand = scheme(self.moving, step), self.pinch.hand.at(until)
@@ -276,6 +279,7 @@ class PinchStepper:
         lags: list[float],
         old: tuple[Array, Array],
     ) -> None:
+        """Set the state from a step's solution."""
         step = until - self.time
         turn = rotation_vector(found.rotation @ old[1].T)
         self.drift = np.concatenate([found.place - old[0], turn]) / step
@@ -308,6 +312,7 @@ class PinchStepper:
         wrench: Array,
         warm: bool,
     ) -> tuple[float, int, int, int]:
+        """Run the solver: relative error, rounds, products and touching nodes."""
         place, rotation, closing = at
         first, second = self.skins
         pose = Pose(first.rotation, first.place, rotation, place - self._base(0, closing))
@@ -355,6 +360,7 @@ class PinchStepper:
         return math.sqrt(float(motion[:3] @ motion[:3])) + turn + float(abs(motion[6:]).sum())
 
     def _missed(self, place: Array, rotation: Array, closing: float) -> bool:
+        """Whether the object reached inactive nodes; if so, activate them."""
         missed = [
             skin.missed(_axes(k)[:, None] * rotation, _axes(k) * (place - self._base(k, closing)))
             for k, skin in enumerate(self.skins)

@@ -141,6 +141,7 @@ class Follower:
         return self._follow(frame)
 
     def _follow(self, frame: Frame) -> Tracks:
+        """Track one frame and update the state."""
         settings = self._settings
         shift = self.state.shift
         measured = self._find(np.ascontiguousarray(frame.image), self._origin + shift)

@@ -100,6 +100,7 @@ def _refined(
 
 
 def _pose(similarity: _Similarity) -> CameraPose:
+    """Camera pose of a similarity."""
     factor, shift = similarity.factor, similarity.shift
     return CameraPose(
         roll=float(np.angle(factor)), scale=abs(factor), shift=(shift.real, shift.imag)

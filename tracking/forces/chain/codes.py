@@ -310,6 +310,7 @@ class _Solver:
         )
 
     def _posterior(self, pairs: Mask) -> Posterior:
+        """Posterior of the unknowns from these pairs; the previous one if nothing changed."""
         weights, before = self.weights, self.before
         if before is not None and before.weights is weights and np.array_equal(before.pairs, pairs):
             return before

@@ -249,6 +249,7 @@ class GaussianProcess:
         return zone
 
     def _unknowns(self, zone: tuple[int, int]) -> NDArray[np.intp]:
+        """Indices of a zone's unknowns, along x and then along z."""
         span = np.arange(zone[0], zone[1] + 1)
         return np.concatenate([span, self._prior.knots + span])
 

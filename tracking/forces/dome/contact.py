@@ -274,6 +274,7 @@ class ContactReading:
         return other if other.misfit < solution.misfit else solution
 
     def _read(self, tracks: Tracks) -> Shifts:
+        """Shifts of a frame, with their whitening matrices."""
         settings = self._settings
         values, certain = self._shifts(tracks, settings.least_markers)
         # Focus and light change all sizes equally; most markers are far from the contact.

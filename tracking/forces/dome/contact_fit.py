@@ -362,4 +362,5 @@ def _seen_as(explained: Sequence[Explained], seen: list[Array]) -> list[Explaine
 
 
 def _losses(shifts: list[Shifts], seen: list[Array]) -> list[float]:
+    """Loss of each key frame for predicted shifts."""
     return [frame.loss(predicted) for frame, predicted in zip(shifts, seen, strict=True)]

@@ -112,6 +112,7 @@ class Rivals:
 
 
 def _light(dome: Dome, settings: StartSettings) -> Array:
+    """Pose of a light press."""
     pose = np.zeros(MOVING)
     pose[PRESS] = settings.press * dome.thickness
     return pose

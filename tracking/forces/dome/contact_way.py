@@ -164,6 +164,7 @@ class ContactWay:
     def _look(
         self, contact: PosedContact, solid: Solid, object_: Array, after: Array
     ) -> PosedContact:
+        """Activate the nodes that the object may touch at the next pose."""
         rotation, place = poses_of(self.dome, object_[None], after[None])
         return self._contacts.look(contact, solid, rotation[0], place[0])
 
