@@ -1,11 +1,11 @@
-"""sRGB and linear light: one pair of tables for every renderer and tracker."""
+"""Conversion between sRGB and linear light, with tables for every renderer and tracker."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 
 def decode_srgb(level: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Linear light 0…1 of sRGB levels 0…255 (IEC 61966-2-1), of the shape of `level`.
+    """Convert sRGB levels 0…255 to linear light 0…1 (IEC 61966-2-1), in the shape of `level`.
 
     Parameters
     ----------
@@ -16,7 +16,7 @@ def decode_srgb(level: NDArray[np.float64] | float) -> NDArray[np.float64]:
 
 
 def encode_srgb(linear: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """SRGB levels 0…255 of linear light 0…1, not rounded, of the shape of `linear`.
+    """Convert linear light 0…1 to sRGB levels 0…255, not rounded, in the shape of `linear`.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def decoding_table() -> NDArray[np.float64]:
 
 
 def encoding_table() -> NDArray[np.uint8]:
-    """8-bit level of linear light in steps of 1/(ENCODE_STEPS − 1), shape (ENCODE_STEPS,)."""
+    """SRGB levels of linear light 0…1 in even steps, uint8, shape (ENCODE_STEPS,)."""
     # Steps of the encoding table over linear light 0…1; its coarsest step is 0.8 grey levels.
     steps = 4096
     return np.rint(encode_srgb(np.linspace(0.0, 1.0, steps))).astype(np.uint8)

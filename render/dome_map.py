@@ -1,4 +1,4 @@
-"""The membrane of a body of silicone: each marker moves as the silicone does at its depth."""
+"""Membrane of a silicone body: each marker moves like the silicone at its depth."""
 
 import numpy as np
 import scipy
@@ -17,19 +17,19 @@ Array = NDArray[np.float64]
 class DomeMap:
     """Maps forces on the skin to the membrane of its sensor; built once, called every frame.
 
-    Nothing is said of how much a layer follows the skin, or of how its markers swell: that comes
-    from their depth. A dot may be stiffer than the silicone, see `markers.stretch`; a soft one,
-    which swells on the chain, stretches as the silicone does.
+    How much a layer follows the skin and how its markers swell follows from their depth, not from
+    the design. A dot may be stiffer than the silicone, see `markers.stretch`. Markers that swell on
+    the chain stretch like the silicone here.
 
     Parameters
     ----------
-    sensor: design
-    dome: body that the markers are in
-    places: of the markers of each layer, shape (2, M, 2); None is as designed
+    sensor: design of the sensor
+    dome: body that contains the markers
+    places: places of the markers of each layer, shape (2, M, 2); None: as designed
 
     Attributes
     ----------
-    field: how the silicone moves at the markers
+    field: map from forces on the skin to the motion of the silicone at the markers
     """
 
     def __init__(self, sensor: SensorDesign, dome: SoftBody, places: Array | None = None) -> None:
@@ -54,7 +54,7 @@ class DomeMap:
         return self.of_field(*self.field(forces))
 
     def of_field(self, moved: Array, slope: Array) -> Membrane:
-        """Membrane for what `field` says: displacement (2, M, 3) [m] and slopes (2, M, 3, 2)."""
+        """Membrane for the displacements (2, M, 3) [m] and derivatives (2, M, 3, 2) of `field`."""
         centres, axes = np.empty(self._rest.shape), np.empty(self._tangents.shape)
         carry_in_silicone(
             moved.reshape(-1, 3),
@@ -70,18 +70,18 @@ class DomeMap:
 
 
 class DomeSheets:
-    """Both layers and the skin as sheets; tells of any of their places what moves it.
+    """Displacement of any places of three sheets: both layers (0 and 1) and the skin (2).
 
-    At every node the displacement and its slope are known, on the equator, or a circle around a
-    pad, both are 0. Between
-    three of these points u = Σ w·(u_i + ½·∇u_i·d_i), d_i the way from each, which is exact for a
-    parabola. Below the skin the slopes are those of the silicone, on it those between the nodes.
+    Displacement and gradient are known at sample points, and 0 on the equator or a circle around a
+    pad. Inside a triangle of samples i, u = Σ w_i·(u_i + ½·∇u_i·d_i) with barycentric weights w_i
+    and the vector d_i from sample i, which is exact for a parabola. In the layers the gradients are
+    those of the silicone; on the skin they are fitted to neighbouring nodes.
 
     Parameters
     ----------
-    sensor: design
-    dome: body that the layers are in
-    under: places of each layer and of the skin, three arrays (P, 2)
+    sensor: design of the sensor
+    dome: body that contains the layers
+    under: places of interest in each layer and on the skin, three arrays (P, 2)
     """
 
     def __init__(self, sensor: SensorDesign, dome: SoftBody, under: list[Array]) -> None:
@@ -107,7 +107,7 @@ class DomeSheets:
         self._forces = np.zeros((len(nodes), 3))
 
     def __call__(self, forces: Array, sheet: int) -> Array:
-        """Displacement of the places of a sheet (P, 3) [m], for forces on the nodes (N, 3) [N]."""
+        """Displacements of a sheet's places [m], (P, 3), for forces on the nodes [N], (N, 3)."""
         if not np.array_equal(self._forces, forces):
             self._forces = forces.copy()
             shift, slope = self._layers(forces)
@@ -119,12 +119,12 @@ class DomeSheets:
         return np.asarray(self._weights[sheet] @ self._corners[sheet].reshape(-1, 3))
 
     def spread(self, values: Array) -> Array:
-        """Values on the nodes of the skin (N, C), between them at the places of the skin (P, C)."""
+        """Interpolate values on the nodes of the skin, (N, C), at its places, (P, C)."""
         return np.asarray(self._share @ values)
 
 
 def _with_equator(places: Array, dome: SoftBody) -> "tuple[Array, scipy.spatial.Delaunay]":
-    """Places and those of the equator, and triangles of them all."""
+    """Append points of the equator to places, and triangulate all of them."""
     count = 72  # points of the circle where nothing moves: a dome's equator, or one around a pad
     turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     equator = np.column_stack([np.full_like(turn, dome.end), turn])
@@ -133,14 +133,14 @@ def _with_equator(places: Array, dome: SoftBody) -> "tuple[Array, scipy.spatial.
 
 
 def _chart(places: Array) -> Array:
-    """Places (P, 2) on a plane, by their distance from the apex along the skin."""
+    """Map places (P, 2) to a plane, keeping azimuth and distance from the apex."""
     return places[:, :1] * np.stack([np.cos(places[:, 1]), np.sin(places[:, 1])], axis=-1)
 
 
 def _between(
     sensor: SensorDesign, mesh: "scipy.spatial.Delaunay", places: Array, wanted: Array, depth: float
 ) -> "scipy.sparse.csr_matrix":
-    """Weights of displacement and slopes at `places` for the displacement at others, (P, 3V)."""
+    """Matrix (P, 3V) from values and derivatives at V `places` to values at P `wanted` ones."""
     skin, at = sensor.shape, _chart(wanted)
     found = mesh.find_simplex(at)
     off = found < 0
@@ -169,7 +169,7 @@ def _between(
 def _slopes(
     sensor: SensorDesign, mesh: "scipy.spatial.Delaunay", places: Array
 ) -> "scipy.sparse.csr_matrix":
-    """From displacements on the skin to each with its two slopes, (3V, V), by least squares."""
+    """Matrix (3V, V) that adds derivatives, fitted to neighbours, to V displacements."""
     points = sensor.shape.points(places, 0.0)
     along, across = sensor.shape.tangents(places)
     first, around = mesh.vertex_neighbor_vertices

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """Image and instant of one exposure.
+    """Image of one exposure and its time.
 
     Attributes
     ----------
-    image: sRGB, rows downwards, uint8, shape (H, W, 3)
-    time: [s]
+    image: sRGB image, rows downwards, uint8, shape (H, W, 3)
+    time: time of the exposure [s]
     """
 
     image: NDArray[np.uint8]

@@ -10,13 +10,13 @@ Array = NDArray[np.float64]
 
 
 def pixel_grid(sensor: SensorDesign) -> Array:
-    """Pixel (x, y) of every pixel, shape (H, W, 2)."""
+    """Coordinates (x, y) of every pixel [px], shape (H, W, 2)."""
     y, x = np.mgrid[: sensor.view.height, : sensor.view.width].astype(float)
     return np.stack([x, y], axis=-1)
 
 
 def pixel_places(sensor: SensorDesign) -> Array:
-    """Place on the resting skin that each pixel shows, NaN where it shows none, shape (H, W, 2)."""
+    """Place on the resting skin that each pixel shows, NaN off the skin, shape (H, W, 2)."""
     return sensor.shape.meet(*sensor.view.trace(pixel_grid(sensor)), 0.0)
 
 
@@ -25,8 +25,8 @@ def inside_rim(sensor: SensorDesign, places: Array) -> Array:
 
     Parameters
     ----------
-    sensor: design
-    places: on the resting skin, from `pixel_places`, shape (H, W, 2)
+    sensor: design of the sensor
+    places: places on the resting skin, from `pixel_places`, shape (H, W, 2)
     """
     distance = sensor.shape.rim_distance(places)
     slope = np.hypot(*np.gradient(distance))
@@ -36,7 +36,7 @@ def inside_rim(sensor: SensorDesign, places: Array) -> Array:
 
 
 def ground_image(sensor: SensorDesign) -> NDArray[np.float32]:
-    """Linear light of the sensor without markers, shape (H, W, 3)."""
+    """Linear-light image of the sensor without markers, float32, shape (H, W, 3)."""
     places = pixel_places(sensor)
     share = np.nan_to_num(np.clip(places[..., 0] / sensor.shape.rim, 0.0, 1.0), nan=1.0)
     apex, rim, housing = (
@@ -54,7 +54,7 @@ def ground_image(sensor: SensorDesign) -> NDArray[np.float32]:
 
 
 def seam_cover(sensor: SensorDesign, places: Array) -> Array:
-    """Share of each pixel covered by a seam, shape (H, W): soft, and uneven as glue is."""
+    """Share of each pixel covered by a seam, shape (H, W): soft edges, uneven width like glue."""
     assert sensor.seams is not None
     first, phi = np.nan_to_num(places[..., 0]), np.nan_to_num(places[..., 1])
     metric = sensor.shape.metric(0.0)

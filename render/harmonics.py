@@ -1,7 +1,7 @@
-"""The chain's plane carried onto the skin by its two lowest azimuthal harmonics.
+"""Extension of the chain's plane displacements to the whole skin, by two azimuthal harmonics.
 
-The mirror-even part of the chain is revolved; the mirror-odd part gives u_x = a(θ),
-u_z = c(θ)·cos φ, u_y = 0. Exact in the plane of the chain, linear in the node displacements.
+The mirror-even part of the chain is revolved about the axis; the mirror-odd part gives u_x = a(θ),
+u_z = c(θ)·cos φ, u_y = 0. This is exact in the plane of the chain and linear in the displacements.
 """
 
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class HarmonicMap:
-    """Linear map from node displacements to displacements of points of the skin.
+    """Linear map from displacements of N nodes to displacements of M points of the skin.
 
     Attributes
     ----------
-    right, left: interpolation of the chain at +θ and at −θ, shape (M, N)
-    right_slope, left_slope: derivatives of those with respect to θ, shape (M, N)
-    ring: length of a unit of φ over that of θ, shape (M,)
+    right, left: matrices that interpolate node values at +θ and at −θ of each point, shape (M, N)
+    right_slope, left_slope: matrices of their derivatives with respect to θ, shape (M, N)
+    ring: length of a unit of φ over length of a unit of θ, at each point, shape (M,)
     phi: azimuth of the points [rad], shape (M,)
     """
 
@@ -36,7 +36,7 @@ class HarmonicMap:
     phi: Array
 
     def _harmonics(self, right: Array, left: Array) -> tuple[Array, Array, Array, Array]:
-        """Radial u_r, shift a, mean u_z and tilt c from (M, 2, …) values at ±θ."""
+        """Radial u_r, shift a, mean u_z and tilt c, from values (M, 2, …) at +θ and at −θ."""
         return (
             (right[:, 0] - left[:, 0]) / 2,
             (right[:, 0] + left[:, 0]) / 2,
@@ -45,17 +45,18 @@ class HarmonicMap:
         )
 
     def displacement(self, nodal: Array) -> Array:
-        """Displacement of every point [m], shape (M, 3, …), from nodes (N, 2, …) [m]."""
+        """Displacements of the points [m], (M, 3, …), from those of the nodes [m], (N, 2, …)."""
         u_r, shift, u_z, tilt = self._harmonics(_apply(self.right, nodal), _apply(self.left, nodal))
         cos, sin = _columns(np.cos(self.phi), u_r), _columns(np.sin(self.phi), u_r)
         return np.stack([u_r * cos + shift, u_r * sin, u_z + tilt * cos], axis=1)
 
     def scalar(self, nodal: Array) -> Array:
-        """Scalar at every point, shape (M, …), from its even and odd parts on the nodes (N, …)."""
+        """Extend a scalar on the nodes, (N, …), to the points, (M, …), by the same harmonics."""
         return _apply(self._scalars, nodal)
 
     @cached_property
     def _scalars(self) -> "scipy.sparse.csr_array":
+        """Matrix of `scalar`, shape (M, N)."""
         half = 0.5 * np.cos(self.phi)
         both = (
             scipy.sparse.diags_array(0.5 + half) @ self.right
@@ -64,7 +65,7 @@ class HarmonicMap:
         return scipy.sparse.csr_array(both)
 
     def gradient(self, nodal: Array) -> tuple[Array, Array]:
-        """∂d/∂θ and ∂d/∂φ/ring of `displacement` [m per unit of θ], each of shape (M, 3, …)."""
+        """Derivatives ∂d/∂θ and (∂d/∂φ)/ring of `displacement` [m per unit of θ], (M, 3, …)."""
         u_r, shift, u_z, tilt = self._harmonics(
             _apply(self.right_slope, nodal), _apply(self.left_slope, nodal)
         )
@@ -77,23 +78,25 @@ class HarmonicMap:
 
 
 def _columns(values: Array, like: Array) -> Array:
+    """Append axes to values (M,) so that they multiply `like`."""
     return values.reshape(values.shape + (1,) * (like.ndim - 1))
 
 
 def _apply(matrix: "scipy.sparse.csr_array", nodal: Array) -> Array:
+    """Multiply a sparse matrix by nodal values (N, …)."""
     flat = matrix @ nodal.reshape(nodal.shape[0], -1)
     return flat.reshape((flat.shape[0], *nodal.shape[1:]))
 
 
 def harmonic_map(skin: Skin, places: Array, nodes: int | Array) -> HarmonicMap:
-    """Map for points at places (M, 2) of a skin.
+    """Make the map for M points of a skin.
 
     Parameters
     ----------
-    skin: at rest
-    places: see `skin`, shape (M, 2)
-    nodes: how many evenly spaced nodes cross the skin, or their places: signed angles [rad], on a
-        pad x [m], increasing, shape (N,)
+    skin: skin at rest
+    places: places of the points, see `skin`, shape (M, 2)
+    nodes: number of evenly spaced nodes across the skin, or their increasing places: signed angles
+        [rad], on a pad x [m], shape (N,)
     """
     first, phi = np.array(places, dtype=float).T
     stations = stations_of(skin, nodes)
@@ -111,7 +114,7 @@ def harmonic_map(skin: Skin, places: Array, nodes: int | Array) -> HarmonicMap:
 
 
 def _derivative(stations: Array) -> "scipy.sparse.csr_array":
-    """Derivative at each node."""
+    """Matrix of the derivative at each node, shape (N, N)."""
     n = len(stations)
     inner = np.arange(1, n - 1)
     columns = inner[:, None] + np.array([-1, 0, 1])
@@ -120,9 +123,9 @@ def _derivative(stations: Array) -> "scipy.sparse.csr_array":
 
 
 def slope_weights(stations: Array) -> Array:
-    """Weights of the node before, a node and that behind in the derivative at each, shape (N, 3).
+    """Weights of the previous, the own and the next node in the derivative at a node, (N, 3).
 
-    Of second order; 0 at the two outer ones, which are held.
+    The derivative is of second order; it is 0 at the two outer nodes, which are held.
     """
     before, after = np.diff(stations)[:-1], np.diff(stations)[1:]
     weights = np.zeros((len(stations), 3))
@@ -133,7 +136,7 @@ def slope_weights(stations: Array) -> Array:
 
 
 def _interpolation(place: Array, stations: Array) -> "scipy.sparse.csr_array":
-    """Linear interpolation of nodal values at signed places."""
+    """Matrix that linearly interpolates nodal values at M signed places, shape (M, N)."""
     n, m = len(stations), len(place)
     index, weight = node_before(place, stations)
     rows = np.concatenate([np.arange(m), np.arange(m)])
@@ -144,9 +147,9 @@ def _interpolation(place: Array, stations: Array) -> "scipy.sparse.csr_array":
 
 
 def node_before(place: Array, stations: Array) -> tuple[NDArray[np.int64], Array]:
-    """Node before each signed place, and the weight of that behind it, shapes of `place`.
+    """Index of the node before each signed place, and weight of the next node.
 
-    Places beyond the outer nodes, such as a pad's corners, move as these do: they are held.
+    Places beyond the outer nodes, such as a pad's corners, move like these, which are held.
     """
     index = np.clip(np.searchsorted(stations, place, side="right") - 1, 0, len(stations) - 2)
     weight = (place - stations[index]) / (stations[index + 1] - stations[index])
@@ -154,5 +157,5 @@ def node_before(place: Array, stations: Array) -> tuple[NDArray[np.int64], Array
 
 
 def stations_of(skin: Skin, nodes: int | Array) -> Array:
-    """Places of nodes: evenly spaced across the skin where only their number is given, (N,)."""
+    """Places of the nodes, (N,); evenly spaced across the skin if only their number is given."""
     return np.linspace(-skin.half, skin.half, nodes) if isinstance(nodes, int) else nodes

@@ -1,4 +1,4 @@
-"""Both marker layers in space, as the deformed skin carries them."""
+"""Markers of both layers in space, on the deformed skin."""
 
 from dataclasses import dataclass
 
@@ -14,13 +14,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Membrane:
-    """Markers in the sensor frame, layer 0 magenta, layer 1 yellow; compared by identity.
+    """M markers of each layer in the sensor frame; layer 0 is magenta, 1 yellow.
+
+    Membranes are compared by identity.
 
     Attributes
     ----------
-    centres: [m], shape (2, M, 3)
-    axes: two semi-axes of each marker, as columns: perpendicular where the marker has not
-        stretched, first along x for squares [m], shape (2, M, 3, 2)
+    centres: centres of the markers [m], shape (2, M, 3)
+    axes: two semi-axes of each marker, as columns [m], shape (2, M, 3, 2); perpendicular on an
+        unstretched marker, the first along x for squares
     """
 
     centres: Array
@@ -28,7 +30,7 @@ class Membrane:
 
     @property
     def normals(self) -> Array:
-        """Unit normals, outwards, shape (2, M, 3)."""
+        """Outward unit normals of the markers, shape (2, M, 3)."""
         normals = np.empty(self.centres.shape)
         unit_normals(self.axes.reshape(-1, 3, 2), normals.reshape(-1, 3))
         return normals
@@ -39,9 +41,9 @@ class MembraneMap:
 
     Parameters
     ----------
-    sensor: design
-    nodes: of the chain, how many or where; see `harmonic_map`
-    places: of the markers of each layer, shape (2, M, 2); None is as designed
+    sensor: design of the sensor
+    nodes: number of the chain's nodes, or their places; see `harmonic_map`
+    places: places of the markers of each layer, shape (2, M, 2); None: as designed
     """
 
     def __init__(
@@ -49,10 +51,10 @@ class MembraneMap:
     ) -> None:
         self.sensor = sensor
         skin, count = sensor.shape, len(sensor.places)
-        # Layers that lie on each other share one map.
+        # As designed, both layers have the same places and share one map.
         own = sensor.places[None] if places is None else places
         stations = np.ascontiguousarray(stations_of(skin, nodes), dtype=float)
-        # Of each marker's own side, and of the other one.
+        # Coordinates of each marker, and of its mirror image.
         sides = np.stack([own[..., 0], -own[..., 0]], axis=-1)
         layers = zip(np.broadcast_to(own, (2, count, 2)), sensor.depths, strict=True)
         self._rest = np.stack([skin.points(place, depth) for place, depth in layers])
@@ -72,7 +74,7 @@ class MembraneMap:
         )
 
     def __call__(self, displacement: Array) -> Membrane:
-        """Membrane for node displacements relative to the rigid part (N, 2) [m]."""
+        """Membrane for node displacements (x, z) relative to the rigid part [m], shape (N, 2)."""
         seen = np.ascontiguousarray(displacement, dtype=float)
         centres, axes = np.empty(self._rest.shape), np.empty((*self._rest.shape, 2))
         carry_markers(seen, *self._places, centres, axes)
@@ -80,33 +82,35 @@ class MembraneMap:
 
 
 def rest_membrane(sensor: SensorDesign, places: Array | None = None) -> Membrane:
-    """Markers of the unloaded sensor, at their own places or as designed.
+    """Membrane of the unloaded sensor.
 
     Parameters
     ----------
-    sensor: design
-    places: of the markers of each layer, shape (2, M, 2); None is as designed
+    sensor: design of the sensor
+    places: places of the markers of each layer, shape (2, M, 2); None: as designed
     """
     return MembraneMap(sensor, 11, places)(np.zeros((11, 2)))
 
 
 def swelling(raised: Array, thickness: float) -> Array:
-    """Growth of outlines where incompressible silicone gets thinner, of any shape.
+    """Factor by which outlines grow where incompressible silicone gets thinner.
 
     Parameters
     ----------
-    raised: displacement of the skin outwards [m]
-    thickness: of the silicone that takes up a press [m]
+    raised: outward displacement of the skin [m], any shape
+    thickness: thickness of the silicone that is compressed [m]
     """
     return np.asarray(1.0 / np.sqrt(np.clip(1.0 + raised / thickness, THINNEST, THICKEST)))
 
 
 def outline_axes(carried: Array, stretch: float) -> Array:
-    """Axes of unit outlines on a skin carried by F = R·U: R and `stretch` of the U, (…, 3, 2).
+    """Axes of unit outlines on a skin with deformation gradient F = R·U, shape (…, 3, 2).
+
+    An outline follows the whole rotation R, and the share `stretch` of the stretch U.
 
     Parameters
     ----------
-    carried: F of each marker, its columns in space, shape (…, 3, 2)
+    carried: F of each marker: the deformed unit tangents as columns, shape (…, 3, 2)
     stretch: share of the skin's stretch that an outline follows
     """
     flat = np.ascontiguousarray(carried, dtype=float).reshape(-1, 3, 2)

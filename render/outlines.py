@@ -1,6 +1,6 @@
-"""Images of markers: each outline as a quadratic map of the unit disc or square to pixels.
+"""Images of markers: each outline as a quadratic map from the unit disc or square to pixels.
 
-p(q) = c + A·q + b₁₁q₁² + b₁₂q₁q₂ + b₂₂q₂². The linear part is what a small marker projects to; the
+p(q) = c + A·q + b₁₁q₁² + b₁₂q₁q₂ + b₂₂q₂². The linear part is the image of a small marker. The
 second order is perspective, which moves the centroid of a tilted marker off its projected centre.
 """
 
@@ -16,7 +16,8 @@ from .place_kernels import outline_centroids, project_markers
 Array = NDArray[np.float64]
 
 _ANGLES = np.pi / 3 * np.arange(6)
-#: The centre and six points of the unit circle: harmonics 0, 1 and 2 do not mix with the third.
+#: Points q to project: the centre and six points of the unit circle, so that the third harmonic
+#: does not leak into harmonics 0 to 2.
 PROBES = np.concatenate([[[0.0, 0.0]], np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])])
 _TERMS = np.column_stack(
     [
@@ -27,6 +28,7 @@ _TERMS = np.column_stack(
         PROBES[:, 1] ** 2,
     ]
 )
+#: Matrix from the pixels of the probes to the six coefficients of an outline (least squares).
 _FIT = np.ascontiguousarray(np.linalg.pinv(_TERMS))
 
 
@@ -34,7 +36,7 @@ _FIT = np.ascontiguousarray(np.linalg.pinv(_TERMS))
 def place_markers(membrane: Membrane, view: View) -> tuple[Array, Array]:
     """Projected centres (2, M, 2) and `outlines` (2, M, 6, 2) of every marker [px].
 
-    Those of the last membrane are kept, read-only: picture and labels are of the same.
+    The result for the last membrane is cached, read-only, as picture and labels share a membrane.
     """
     shape = membrane.centres.shape[:-1]
     pixels, coefficients = np.empty((*shape, 2)), np.empty((*shape, 6, 2))
@@ -58,12 +60,12 @@ def outlines(membrane: Membrane, view: View) -> Array:
 
 
 def outline_points(membrane: Membrane, q: Array) -> Array:
-    """Points in space of markers' own coordinates q (K, 2) [m], shape (2, M, K, 3).
+    """Points of every marker in the sensor frame [m], shape (2, M, K, 3).
 
     Parameters
     ----------
-    membrane: carries the markers
-    q: a marker's own coordinates, on the unit disc or square, shape (K, 2)
+    membrane: markers in space
+    q: coordinates of K points of the unit disc or square, shape (K, 2)
     """
     # One product of matrices instead of one for each marker.
     offsets = (membrane.axes.reshape(-1, 2) @ q.T).reshape(*membrane.axes.shape[:-1], len(q))
@@ -71,14 +73,14 @@ def outline_points(membrane: Membrane, q: Array) -> Array:
 
 
 def centroids(coefficients: Array, square: bool) -> Array:
-    """Centroids of the outlines' area in the image [px], shape (…, 2).
+    """Centroids of the outlines' areas in the image [px], shape (…, 2).
 
-    To second order: ∫ p·|∂p/∂q| over the unit disc (mean of q₁² is 1/4) or square (1/3).
+    They are ∫ p·|∂p/∂q| to second order, with a mean q₁² of 1/4 on the disc and 1/3 on the square.
 
     Parameters
     ----------
-    coefficients: of `outlines` [px], shape (…, 6, 2)
-    square: whether markers are squares, not discs
+    coefficients: outlines, see `outlines` [px], shape (…, 6, 2)
+    square: whether markers are squares, else discs
     """
     flat = np.ascontiguousarray(coefficients, dtype=float).reshape(-1, 6, 2)
     out = np.empty((len(flat), 2))
@@ -91,8 +93,8 @@ def areas(coefficients: Array, square: bool) -> Array:
 
     Parameters
     ----------
-    coefficients: of `outlines` [px], shape (…, 6, 2)
-    square: whether markers are squares, not discs
+    coefficients: outlines, see `outlines` [px], shape (…, 6, 2)
+    square: whether markers are squares, else discs
     """
     return (4.0 if square else np.pi) * abs(
         _cross(coefficients[..., 1, :], coefficients[..., 2, :])
@@ -100,4 +102,5 @@ def areas(coefficients: Array, square: bool) -> Array:
 
 
 def _cross(u: Array, v: Array) -> Array:
+    """Cross product of vectors in the plane, (…, 2)."""
     return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]

@@ -1,4 +1,4 @@
-"""Compiled placing of markers: in space, as the skin carries them, and in the image."""
+"""Compiled placing of markers: in space on the deformed skin, and in the image."""
 
 import math
 
@@ -10,9 +10,9 @@ from .optics.projection_kernels import Lens, Port, project_lanes
 
 Array = NDArray[np.float64]
 
-#: Least and largest thickness of pressed silicone, as a share of that at rest.
+#: Smallest and largest thickness of deformed silicone, as a share of that at rest.
 THINNEST, THICKEST = 0.2, 5.0
-#: Markers that are projected together: their numbers stay in the cache.
+#: Number of markers that are projected together, so that their values stay in the cache.
 _TOGETHER = 64
 
 
@@ -34,26 +34,27 @@ def carry_markers(
     centres: Array,
     axes: Array,
 ) -> None:
-    """Centres and semi-axes of markers on a deformed skin; see `harmonics` for the displacement.
+    """Compute centres and semi-axes of markers on a deformed skin; see `harmonics`.
 
-    Places, with P = 2, are of each layer or, with P = 1, of both.
+    M is the number of markers of a layer. P is 2 if each layer has its own places, 1 if they are
+    the same.
 
     Parameters
     ----------
-    displacement: (x, z) of the chain's nodes [m], shape (N, 2)
-    before: node before a marker's θ, and before −θ, shape (P, M, 2)
-    weight: of the node behind, shape (P, M, 2)
-    slope_weights: of the node before, a node and that behind in its derivative, shape (N, 3)
-    azimuth: (cos φ, sin φ), shape (P, M, 2)
+    displacement: displacement (x, z) of the chain's nodes [m], shape (N, 2)
+    before: index of the node before a marker's θ, and before its −θ, shape (P, M, 2)
+    weight: weight of the next node, shape (P, M, 2)
+    slope_weights: weights of the derivative at each node, see `slope_weights`, shape (N, 3)
+    azimuth: (cos φ, sin φ) of the markers, shape (P, M, 2)
     ring: length of a unit of φ over that of θ, shape (P, M)
     tangents: unit vectors along θ and φ as columns, shape (P, M, 3, 2)
     rest: centres at rest [m], shape (2, M, 3)
-    follow: share of the skin's displacement made by each layer, shape (2,)
-    share: of the skin's slope made by each layer [1/m], shape (2,)
-    half_sizes: of each layer's markers [m], shape (2,)
-    stretch: share of the skin's stretch that an outline takes
-    swell: thickness of the silicone that takes up a press [m]; 0 is none
-    centres, axes: results, shapes (2, M, 3) and (2, M, 3, 2)
+    follow: share of the skin's displacement that each layer follows, shape (2,)
+    share: factor from the derivative with respect to θ to each layer's strain [1/m], shape (2,)
+    half_sizes: half size of each layer's markers [m], shape (2,)
+    stretch: share of the skin's stretch that an outline follows
+    swell: thickness of the silicone that is compressed [m]; 0: markers do not swell
+    centres, axes: results [m], shapes (2, M, 3) and (2, M, 3, 2)
     """
     carried, slope, moved = np.empty((3, 2)), np.empty((3, 2)), np.empty(3)
     slopes = np.zeros_like(displacement)
@@ -82,7 +83,7 @@ def carry_markers(
             size = half_sizes[layer]
             if swell > 0.0:
                 size *= 1.0 + follow[layer] * (_swelling(moved, along, swell) - 1.0)
-            for i in range(3):  # squares lie along the sensor's x and y, discs anyhow
+            for i in range(3):  # squares are aligned with the sensor's x and y
                 first, second = axes[layer, m, i, 0], axes[layer, m, i, 1]
                 axes[layer, m, i, 0] = size * (first * cos - second * sin)
                 axes[layer, m, i, 1] = size * (first * sin + second * cos)
@@ -92,7 +93,7 @@ def carry_markers(
 def _harmonics(
     nodal: Array, sign: float, before: NDArray[np.int64], weight: Array
 ) -> tuple[float, float, float, float]:
-    """Radial u_r, shift a, mean u_z and tilt c of nodal (x, z) at θ, and with that sign at −θ."""
+    """Radial u_r, shift a, mean u_z, tilt c of nodal (x, z); `sign` multiplies values at −θ."""
     i, j, w, v = before[0], before[1], weight[0], weight[1]
     right_x = (1.0 - w) * nodal[i, 0] + w * nodal[i + 1, 0]
     right_z = (1.0 - w) * nodal[i, 1] + w * nodal[i + 1, 1]
@@ -108,7 +109,7 @@ def _harmonics(
 
 @njit()
 def _swelling(moved: Array, along: Array, swell: float) -> float:
-    """Growth of an outline where incompressible silicone gets thinner."""
+    """Factor by which an outline grows where incompressible silicone gets thinner."""
     thinning = 0.0
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -118,12 +119,12 @@ def _swelling(moved: Array, along: Array, swell: float) -> float:
 
 @njit()
 def unit_axes(carried: Array, stretch: float, out: Array) -> None:
-    """Axes of a unit outline on a skin carried by F = R·U: R and `stretch` of the U.
+    """Compute the axes of a unit outline on a skin with deformation gradient F = R·U.
 
     Parameters
     ----------
-    carried: F, the skin's unit tangents after the deformation as columns, shape (3, 2)
-    stretch: share of U, from 0 for a stiff dot to 1 for ink
+    carried: F, the deformed unit tangents as columns, shape (3, 2)
+    stretch: share of U that the outline follows, from 0 for a stiff dot to 1 for ink
     out: result, shape (3, 2)
     """
     aa = ab = bb = 0.0
@@ -145,14 +146,14 @@ def unit_axes(carried: Array, stretch: float, out: Array) -> None:
 
 @njit()
 def unit_axes_each(carried: Array, stretch: float, out: Array) -> None:
-    """`unit_axes` of each F, shape (K, 3, 2)."""
+    """Apply `unit_axes` to K deformation gradients, shape (K, 3, 2)."""
     for k in range(len(carried)):
         unit_axes(carried[k], stretch, out[k])
 
 
 @njit()
 def unit_normals(axes: Array, out: Array) -> None:
-    """Unit normals (K, 3) of outlines with these semi-axes as columns, shape (K, 3, 2)."""
+    """Compute unit normals (K, 3) of outlines from their semi-axes as columns, (K, 3, 2)."""
     for k in range(len(axes)):
         for i in range(3):
             j, m = (i + 1) % 3, (i + 2) % 3
@@ -173,17 +174,17 @@ def carry_in_silicone(
     centres: Array,
     axes: Array,
 ) -> None:
-    """Centres and semi-axes of markers that move as silicone does.
+    """Compute centres and semi-axes of K markers that move with the silicone.
 
     Parameters
     ----------
-    moved, slopes: displacement [m], and of each of its components the slopes along θ and φ, shapes
-        (K, 3) and (K, 3, 2)
+    moved: displacement of the markers [m], shape (K, 3)
+    slopes: derivatives of the displacement per length along θ and φ, shape (K, 3, 2)
     rest: centres at rest [m], shape (K, 3)
     tangents: unit vectors along θ and φ as columns, shape (K, 3, 2)
-    upright: sizes and turn in the plane of the marker [m], shape (K, 2, 2)
-    stretch: share of the silicone's stretch that an outline takes
-    centres, axes: results, shapes (K, 3) and (K, 3, 2)
+    upright: semi-axes at rest in the tangent plane, as columns [m], shape (K, 2, 2)
+    stretch: share of the silicone's stretch that an outline follows
+    centres, axes: results [m], shapes (K, 3) and (K, 3, 2)
     """
     carried, unit = np.empty((3, 2)), np.empty((3, 2))
     for k in range(rest.shape[0]):
@@ -208,14 +209,14 @@ def project_markers(
     pixels: Array,
     coefficients: Array,
 ) -> None:
-    """Projected centres and outlines of markers; see `outlines`.
+    """Compute projected centres and outlines of K markers; see `outlines`.
 
     Parameters
     ----------
-    centres, axes: in the sensor frame [m], shapes (K, 3) and (K, 3, 2)
-    probes: points q of a marker's own coordinates, the first its centre, shape (P, 2)
-    fit: coefficients of the outline from the probes' pixels, shape (6, P)
-    port, lens: of the camera
+    centres, axes: markers in the sensor frame [m], shapes (K, 3) and (K, 3, 2)
+    probes: P points q of the unit outline, the first its centre, shape (P, 2)
+    fit: matrix from the probes' pixels to the coefficients of an outline, shape (6, P)
+    port, lens: surface of the silicone and lens of the camera
     pixels, coefficients: results [px], shapes (K, 2) and (K, 6, 2)
     """
     places = len(probes)
@@ -248,7 +249,7 @@ def project_markers(
 
 @njit()
 def outline_centroids(coefficients: Array, second: float, out: Array) -> None:
-    """Centroids (K, 2) of outlines (K, 6, 2); see `outlines.centroids`.
+    """Compute centroids (K, 2) of outlines (K, 6, 2); see `outlines.centroids`.
 
     Parameters
     ----------
@@ -267,4 +268,5 @@ def outline_centroids(coefficients: Array, second: float, out: Array) -> None:
 
 @njit()
 def _cross(u: Array, v: Array) -> float:
+    """Cross product of two vectors in the plane."""
     return float(u[0] * v[1] - u[1] * v[0])

@@ -1,4 +1,4 @@
-"""Markers of a single picture, and those of a rest frame, from which all trackers start."""
+"""Detection of markers in a single picture, and in a rest frame, from which all trackers start."""
 
 import functools
 from dataclasses import dataclass, replace
@@ -32,14 +32,14 @@ Levels = NDArray[np.uint8] | Array
 
 @dataclass(frozen=True, kw_only=True)
 class Markers:
-    """Markers of one layer in one picture, n of them.
+    """n markers of one layer in one picture.
 
     Attributes
     ----------
-    position: centroid of what the marker covers [px], shape (n, 2)
-    area: [px²], shape (n,)
-    shape: matrix that makes the unit circle the marker's ellipse [px], shape (n, 2, 2)
-    hue: of the mean colour inside [°], −180…180; NaN for a grey, shape (n,)
+    position: centroids of the covered areas [px], shape (n, 2)
+    area: covered areas [px²], shape (n,)
+    shape: matrices that map the unit circle to each marker's ellipse [px], shape (n, 2, 2)
+    hue: hues of the mean colours inside [°], −180…180; NaN for grey, shape (n,)
     """
 
     position: Array
@@ -50,19 +50,19 @@ class Markers:
 
 @dataclass(frozen=True, kw_only=True)
 class RestFrame:
-    """Image of the unloaded sensor, and its L layers of M markers.
+    """Image of the unloaded sensor, and M numbered markers in each of its L layers.
 
     Attributes
     ----------
     image: mean of the rest frames [sRGB levels], shape (H, W, 3)
-    ground: linear light of the unmarked skin, 0 where there is none, shape (H, W, 3)
-    position: of markers, those of one number lie on each other [px], shape (L, M, 2); NaN where a
-        layer has none
-    radius: of a typical marker of each layer [px], shape (L,)
-    shapes: matrices that make the unit circle each marker's ellipse [px], shape (L, M, 2, 2)
+    ground: linear light of the unmarked skin, 0 off the skin, shape (H, W, 3)
+    position: positions of the markers [px], shape (L, M, 2); markers of one number lie on each
+        other; NaN where a layer has none
+    radius: radius of a typical marker of each layer [px], shape (L,)
+    shapes: matrices that map the unit circle to each marker's ellipse [px], shape (L, M, 2, 2)
     pitch: typical distance to the nearest other marker [px]
-    doubt: where layers are out of register as under a load; empty where they are not. In a sensor
-        that is not known a layer may be misplaced there
+    doubt: message where layers are out of register, as under a load; empty if nowhere. In an
+        unknown sensor a layer may be misplaced there
     """
 
     image: Array
@@ -75,12 +75,12 @@ class RestFrame:
 
 
 def detect_markers(image: Levels, palette: Palette) -> list[Markers]:
-    """Markers of each of the palette's layers in one picture.
+    """Detect the markers of each of the palette's layers in one picture.
 
     Parameters
     ----------
     image: sRGB levels 0…255, shape (H, W, 3)
-    palette: of the markers
+    palette: colours of the markers
 
     Raises
     ------
@@ -91,16 +91,16 @@ def detect_markers(image: Levels, palette: Palette) -> list[Markers]:
 
 
 def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) -> list[Markers]:
-    """Markers of each layer in a later frame, against the ground of the rest frame.
+    """Detect the markers of each layer in a later frame, with the ground of the rest frame.
 
-    That ground is smoother than one estimated anew: sizes are twice as exact. It is scaled to
-    the frame's light, a factor for each channel. A layer may have no markers.
+    That ground is smoother than a new estimate: sizes are twice as precise. It is scaled to the
+    frame's light by a factor for each channel. A layer may have no markers.
     """
     levels = image.astype(float)
     linear = decode_srgb(levels).astype(np.float32)
     field = rest.ground[..., 0] > 0.0
     ground = np.where(field[..., None], rest.ground, 1.0).astype(np.float32)
-    ground_share = 0.3  # of the plain pixels that certainly is ground
+    ground_share = 0.3  # share of the pixels that is certainly plain ground
     share = 100.0 * (ground_share if palette.bright else 1.0 - ground_share)
     ground *= np.percentile(linear[field] / ground[field], share, axis=0).astype(np.float32)
     matrix = unmixing_matrix(palette.transmittance)
@@ -115,12 +115,12 @@ def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) ->
 
 
 def resting_ground(image: Levels, palette: Palette) -> Array:
-    """Linear light of the skin between and under the markers of one picture, shape (H, W, 3)."""
+    """Estimate the linear light of the skin without markers from one picture, (H, W, 3)."""
     return _detect(image, palette)[1].astype(float)
 
 
 def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
-    """Markers and ground of an unloaded sensor, from the mean of its frames.
+    """Detect markers and ground of an unloaded sensor in the mean of its frames.
 
     Raises
     ------
@@ -145,10 +145,10 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
         raise UserError(f"rest frame shows {counts} markers; wanted: some of each")
     typical = np.array([np.median(layer.area) for layer in layers])
     for name, area in zip(palette.names, typical, strict=True):
-        if not area > 0.0:  # as of light that is not that of the dyes
+        if not area > 0.0:  # the light is not that of the dyes
             raise UserError(f"rest frame shows {counts} markers; those of {name} cover nothing")
     if palette.bright:
-        # How bright the dark between markers is says nothing of their light.
+        # The brightness of dark ground does not scale the light of bright markers.
         ground = np.broadcast_to(np.median(ground[field], axis=0), ground.shape)
     radius = np.sqrt(typical / np.pi)
     position = join_layers(
@@ -166,7 +166,7 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
         pitch=pitch,
     )
     doubt = _loaded(frame)
-    # The gores of some sensors are out of register untouched.
+    # The gores (sectors) of some sensors are out of register even when untouched.
     aligned = palette.sensor is None or not palette.sensor.defects.gore_misalignment_mm
     if doubt and palette.seen is None and aligned:
         raise UserError(f"rest frame looks loaded: {doubt}; give a frame of the untouched sensor")
@@ -174,7 +174,7 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
 
 
 def _own_offset(palette: Palette) -> float:
-    """Distance of the layers of a known sensor whose gores are out of register, at most [px]."""
+    """Largest distance of a known sensor's layers due to misaligned gores (sectors) [px]."""
     sensor = palette.sensor
     if sensor is None or not sensor.defects.gore_misalignment_mm:
         return 0.0
@@ -183,7 +183,7 @@ def _own_offset(palette: Palette) -> float:
 
 
 def _shapes(layers: list[Markers], position: Array) -> Array:
-    """Shapes of the markers in the order of their places (L, M, 2); NaN where there is none."""
+    """Shapes of the markers in the order of `position` (L, M, 2); NaN for missing ones."""
     shapes = np.full((*position.shape, 2), np.nan)
     for own, layer, at in zip(shapes, layers, position, strict=True):
         known = np.isfinite(at[:, 0])
@@ -194,7 +194,7 @@ def _shapes(layers: list[Markers], position: Array) -> Array:
 
 
 def neighbours(points: Array, count: int) -> NDArray[np.int64]:
-    """Numbers of the `count` points nearest to each of n points (n, 2), n − 1 at most, (n, K)."""
+    """Indices (n, K) of the K nearest others of n points (n, 2); K is `count`, or n − 1 if less."""
     among = min(count, len(points) - 1) + 1
     near = np.asarray(scipy.spatial.KDTree(points).query(points, k=among)[1]).reshape(
         len(points), among
@@ -203,12 +203,16 @@ def neighbours(points: Array, count: int) -> NDArray[np.int64]:
 
 
 def join_layers(layers: list[Array], reach: float) -> Array:
-    """Markers of all layers, those within `reach` of each other under one number, (L, M, 2).
+    """Number the markers of all layers; pairs of nearest markers share a number.
 
     Parameters
     ----------
-    layers: places of each layer's markers [px], shapes (M₀, 2) and (M₁, 2)
-    reach: largest distance of two markers of one pair [px]
+    layers: positions of each layer's markers [px], shapes (M₀, 2) and (M₁, 2)
+    reach: largest distance between the two markers of a pair [px]
+
+    Returns
+    -------
+    Positions by layer and number, NaN where a layer has none, shape (L, M, 2).
     """
     if len(layers) == 1:
         return layers[0][None]
@@ -224,7 +228,7 @@ def join_layers(layers: list[Array], reach: float) -> Array:
 
 
 def _mutual(first: Array, second: Array, reach: float) -> NDArray[np.intp]:
-    """Indices (k, 2) of points that are each other's nearest, and within reach."""
+    """Indices (k, 2) of the pairs of points that are mutually nearest and within reach."""
     if len(first) == 0 or len(second) == 0:
         return np.empty((0, 2), dtype=np.intp)
     distance, partner = scipy.spatial.KDTree(second).query(first)
@@ -239,16 +243,16 @@ def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDA
     levels = np.asarray(image, dtype=float)
     _check_image(levels, palette)
     linear = decode_srgb(levels).astype(np.float32)
-    # The median takes out noise, whose extremes the rough ground would find.
+    # The median removes noise, whose extremes would bias the rough ground.
     if palette.bright:
-        # Of a ground that is black in a channel no share can be told.
+        # Shares of a ground that is black in a channel would be undefined.
         linear += np.float32(DARKEST)
     smooth = np.asarray(cv2.medianBlur(linear, 5), dtype=np.float32)
     matrix = unmixing_matrix(palette.transmittance)
     sizes, skin = _first_sizes(levels.shape, palette)
     anywhere = np.ones(skin.shape, dtype=bool)
     seen = anywhere if palette.seen is None else palette.seen.field
-    # A larger size is tried where the markers prove larger than the smaller one allows.
+    # Try a larger size if the markers turn out larger than this one allows.
     for size in sizes:
         ground, lit = rough_ground(smooth, size, seen, palette.bright)
         field = skin & lit
@@ -257,7 +261,7 @@ def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDA
         typical = typical_area(areas)
         if 0.0 < 6.0 * np.sqrt(typical / np.pi) <= size:
             break
-    # The mean of pixels that certainly are ground replaces the closing.
+    # Replace the closing by the mean of pixels that are certainly ground.
     count = max(1, len(areas) // len(densities))
     scale = float(np.sqrt(field.sum() / count))
     for margin in (3, 2):
@@ -276,8 +280,8 @@ def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDA
 
 
 def _markers(spots: list[Spots], levels: Array, ratio: Single, palette: Palette) -> list[Markers]:
-    """Places, areas and hues of the spots, from light over the ground's, shape (H, W, 3)."""
-    # Dyes are as strong as in this picture; that of a layer without markers is nominal.
+    """Measure the markers of each layer's spots; `ratio` is linear light over the ground's."""
+    # Dyes have the strength of this picture, or the nominal one in a layer without markers.
     strength = [layer.density if len(layer.area) else 1.0 for layer in spots]
     dyes = palette.transmittance ** np.array(strength)[:, None]
     markers = []
@@ -295,6 +299,7 @@ def _markers(spots: list[Spots], levels: Array, ratio: Single, palette: Palette)
 
 
 def _check_image(levels: Array, palette: Palette) -> None:
+    """Refuse an image of wrong shape, or a grey one for a coloured palette."""
     if levels.ndim != 3 or levels.shape[2] != 3:
         raise UserError(f"image has shape {levels.shape}, expected (height, width, 3)")
     if min(levels.shape[:2]) < 16:
@@ -316,7 +321,7 @@ def _check_image(levels: Array, palette: Palette) -> None:
 
 
 def _first_sizes(shape: tuple[int, ...], palette: Palette) -> tuple[list[int], NDArray[np.bool_]]:
-    """Sizes larger than a marker to look for ground with [px], and a mask of the skin, if known."""
+    """Window sizes larger than a marker, for `rough_ground` [px], and a mask of the skin."""
     if palette.seen is not None:
         return [int(AROUND * palette.seen.pitch)], palette.seen.field
     if palette.sensor is not None:
@@ -344,10 +349,9 @@ def _hue(colour: Array) -> Array:
 
 
 def _loaded(rest: RestFrame) -> str:
-    """Places where layers are locally out of register, as under a load; empty if there are none.
+    """Describe where layers are locally out of register, as under a load; empty if nowhere.
 
-    A misplaced layer is out of register smoothly over the whole image; a load is so only where it
-    acts.
+    A misplaced layer is out of register smoothly over the whole image, a loaded one locally.
     """
     position = rest.position
     if len(position) < 2:

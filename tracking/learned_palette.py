@@ -1,8 +1,8 @@
 """Colours of a specimen's markers, learned from a picture of it at rest.
 
-By Beer and Lambert's law the logarithm of the light that a dye takes away is a ray in the space of
-the three channels. Where two layers lie on each other their rays add up: every marked pixel lies
-between the rays of the single dyes, which are sought at both ends.
+By Beer and Lambert's law the log attenuation of a dye lies on a ray in the space of the three
+channels. Where two layers overlap, their attenuations add up. So every marked pixel lies between
+the rays of the single dyes, which are estimated at both ends of the distribution.
 """
 
 import itertools
@@ -26,19 +26,21 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True)
 class PaletteSettings:
-    """Tuned numbers of `learn_palette`.
+    """Tuned parameters of `learn_palette`.
 
     Attributes
     ----------
-    edge: change of the light from pixel to pixel at edges, over the contrast; mixed light is there
-    marked: share of the light that the strongest lose, above which pixels are marked
-    other: distance of the light of one dye from a line over the ground's, over the latter
-    few: share of the pixels that may lie further away
+    edge: change of the light from pixel to pixel over the contrast, above which a pixel is at an
+        edge and shows mixed light
+    marked: smallest absorbed share of light of a marked pixel, over that of the strongest ones
+    other: largest deviation of one dye's light from a line over the ground's light, relative to the
+        ground
+    few: share of one dye's pixels that may deviate further
     outermost: quantiles of the angle at which the ray of a single dye may lie
-    alike: cosine of an angle above which rays belong to one dye: 2.6° lie between them
-    near: distance of the pixels of one dye from its ray, over the angle between the rays
-    known: cosine above which rays belong to the dyes of the known sensor
-    known_sum: relative error of the colour of both its dyes together
+    alike: cosine between two rays above which they belong to one dye; it is that of 2.6°
+    near: largest angle between pixels of one dye and its ray, over the angle between the rays
+    known: cosine above which rays belong to the dyes of the default palette
+    known_sum: largest relative error of the colour of both its dyes together
     grey: largest difference between the channels of a grey dye
     darkest, brightest: bounds of an estimated transmittance
     """
@@ -64,14 +66,14 @@ _HUES = ("red", "yellow", "green", "cyan", "blue", "magenta")
 def learn_palette(
     image: NDArray[np.uint8], seen: Sighting, settings: PaletteSettings = PaletteSettings()
 ) -> Palette:
-    """Palette of the markers in a picture, of one layer or two.
+    """Learn the palette of the markers in a picture, with one layer or two.
 
-    Markers that are brighter than the ground are taken to be of one layer.
+    Markers that are brighter than the ground are assumed to form one layer.
 
     Parameters
     ----------
-    image: sRGB, shape (H, W, 3)
-    seen: where its markers are
+    image: sRGB picture, shape (H, W, 3)
+    seen: positions of its markers
     """
     linear = decode_srgb(image.astype(float)).astype(np.float32)
     smooth = np.maximum(np.asarray(cv2.medianBlur(linear, 3)), np.float32(DARKEST))
@@ -94,9 +96,9 @@ def learn_palette(
 
 
 def _distinct(lost: Array, share: Array, settings: PaletteSettings) -> list[Array]:
-    """Pairs of rays that two dyes may have, see `_rays`; none where each pair is nearly one ray.
+    """Candidate pairs of rays of two dyes, see `_rays`, except nearly parallel ones.
 
-    Of few markers that show one dye alone the other spots may hide all.
+    Several quantiles are tried, because few markers may show one dye alone.
     """
     ends = itertools.product(settings.outermost, repeat=2)
     pairs = [_rays(lost, share, first, last, settings.near) for first, last in ends]
@@ -104,19 +106,19 @@ def _distinct(lost: Array, share: Array, settings: PaletteSettings) -> list[Arra
 
 
 def _even(light: Single, ground: Single, edge: float) -> Mask:
-    """Pixels clear of edges, where light is mixed, shape (H, W)."""
+    """Mask of pixels away from edges, where light is mixed, shape (H, W)."""
     slopes = [abs(cv2.Sobel(light, cv2.CV_32F, *way, scale=0.25)) for way in ((1, 0), (0, 1))]
     contrast = abs(ground - light).max(axis=2)
     return np.asarray(np.max(slopes, axis=(0, 3)) < edge * contrast)
 
 
 def _two_dyes(light: Array, around: Array, settings: PaletteSettings) -> bool:
-    """Whether the light of spots (n, 3) is not that of one dye, on ground of any colour."""
+    """Whether the light of n spot pixels, (n, 3), needs two dyes, on ground of any colour."""
     apart = np.zeros(len(light))
     for own, ground in zip(light.T, around.T, strict=True):
         near = np.ones(len(own), dtype=bool)
         for _ in range(6):
-            # Fog and stray light lift the dark of a channel, but never lower it.
+            # Fog and stray light raise the black level of a channel, and never lower it.
             slope, lift = _line(ground[near], own[near])
             left = abs(own - slope * ground - lift)
             near = left <= 2.5 * np.median(left) + 1e-4
@@ -125,17 +127,17 @@ def _two_dyes(light: Array, around: Array, settings: PaletteSettings) -> bool:
 
 
 def _line(x: Array, y: Array) -> tuple[float, float]:
-    """Slope and lift of the line through points, or through 0 where it would lie below."""
+    """Slope and intercept of the line fitted to points; intercept 0 if it would be negative."""
     across, up = x - x.mean(), y - y.mean()
     spread = float(across @ across)
-    # Ground of one level, as that of a saturated channel, has no slope.
+    # Uniform ground, as in a saturated channel, gives no slope.
     slope = float(across @ up) / spread if spread > 1e-6 * float(x @ x) else math.inf
     lift = float(y.mean()) - slope * float(x.mean())
     return (slope, lift) if lift > 0.0 else (float(x @ y) / float(x @ x), 0.0)
 
 
 def _one_dye(light: Array, around: Array, bright: bool, settings: PaletteSettings) -> Array:
-    """Transmittance of a single dye (3,), of pixels (n, 3) where the light is best."""
+    """Transmittance of a single dye (3,), from those of n pixels (n, 3) with the most light."""
     best = light if bright else around
     lit = best > 0.5 * np.percentile(best, 95, axis=0)
     pairs = zip((light / around).T, lit.T, strict=True)
@@ -144,7 +146,7 @@ def _one_dye(light: Array, around: Array, bright: bool, settings: PaletteSetting
 
 
 def _both_known(dye: Array, seen: Sighting, error: float) -> Palette | None:
-    """The known sensor's palette if that colour is both its dyes, up to a relative error, or None.
+    """Return the default palette if a transmittance (3,) is that of both its dyes, else None.
 
     Where layers lie exactly on each other, as at rest, a picture shows neither dye alone.
     """
@@ -155,14 +157,14 @@ def _both_known(dye: Array, seen: Sighting, error: float) -> Palette | None:
 
 
 def _rays(lost: Array, share: Array, first: float, last: float, near: float) -> Array:
-    """Logarithm of what each of two dyes takes away (2, 3), of marked pixels (n, 3).
+    """Estimate the log attenuation of each of two dyes, shape (2, 3), from n marked pixels.
 
     Parameters
     ----------
-    lost: logarithm of what a pixel lost
-    share: that it lost, in which noise is even
+    lost: log attenuation of each pixel, shape (n, 3)
+    share: absorbed share of light, in which noise is uniform, shape (n, 3)
     first, last: shares of the pixels outside the two rays
-    near: distance of the pixels of one dye from its ray, over the angle between the rays
+    near: largest angle between pixels of one dye and its ray, over the angle between the rays
     """
     axes = np.linalg.svd(share, full_matrices=False)[2][:2]
     axes[0] *= np.sign(axes[0].sum())
@@ -175,15 +177,15 @@ def _rays(lost: Array, share: Array, first: float, last: float, near: float) -> 
 
 
 def _score(palette: Palette, linear: Single, ground: Single, field: Mask) -> float:
-    """Number of markers that a palette finds; those of the layer with fewer count more."""
+    """Score of a palette: number of markers found, weighted towards the layer with fewer."""
     densities = dye_densities(linear, ground, unmixing_matrix(palette.transmittance))
     counts = sorted(len(find_spots(density, field, parted=True).area) for density in densities)
-    # Of two that find as many the paler one is right: two dyes together take away more than each.
+    # With equal numbers prefer the paler palette: two dyes together absorb more than one.
     return counts[0] + 0.5 * counts[1] + 0.01 * float(palette.transmittance.mean())
 
 
 def _named(transmittance: Array, seen: Sighting, settings: PaletteSettings) -> Palette:
-    """Palette named after its colours; two dyes of the known sensor have its names and order."""
+    """Name a palette after its colours; two dyes of the default palette get its names and order."""
     if len(transmittance) == 2:
         usual = load_palette()
         own, known = (_units(np.log(rows)) for rows in (transmittance, usual.transmittance))
@@ -199,11 +201,12 @@ def _named(transmittance: Array, seen: Sighting, settings: PaletteSettings) -> P
 
 
 def _units(rows: Array) -> Array:
+    """Scale rows to unit length."""
     return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
 
 
 def _name(transmittance: Array, grey: float) -> str:
-    """Colour of a dye, or that it is darker or brighter than the ground."""
+    """Name of a dye's colour; "dark" or "bright" for a grey dye or one brighter than the ground."""
     colour = transmittance / transmittance.max()
     if transmittance.mean() > 1.0:
         return "bright"

@@ -1,4 +1,4 @@
-"""Palettes: colours of the markers that a tracker looks for."""
+"""Palettes: colours of the markers that a tracker searches for."""
 
 from dataclasses import dataclass
 from importlib.resources import files
@@ -18,14 +18,14 @@ Array = NDArray[np.float64]
 #: Share of the ground's linear light; above 1 for markers that are brighter than the ground.
 Transmittance = Annotated[float, Meta(gt=0.0, le=100.0)]
 Name = Annotated[str, Meta(min_length=1, max_length=40)]
-#: Palette that is used where none is named: magenta over yellow, as in ChromaTouch.
+#: Default palette: magenta over yellow, as in ChromaTouch.
 DEFAULT_PALETTE = "chromatouch"
-#: Name that stands for a palette that is learned from the picture.
+#: Name of a palette that is learned from the picture.
 AUTO_PALETTE = "auto"
 
 
 class Dye(Table, frozen=True):
-    """Colour of a layer: share of the ground's linear light that its markers leave, by channel."""
+    """Colour of a layer: share of the ground's linear light that markers transmit, by channel."""
 
     name: Name
     transmittance: tuple[Transmittance, Transmittance, Transmittance]
@@ -60,11 +60,11 @@ class Palette:
 
     Attributes
     ----------
-    names: of the layers, from the skin inwards, L of them
-    transmittance: share of the ground's linear light that a marker leaves, shape (L, 3)
-    sensor: design of the sensor, if it is known; forces can be read only with it
-    seen: where the sensor is in its pictures, if that was looked for; by default markers are
-        looked for in the whole picture, or within the rim of a known sensor
+    names: names of the L layers, from the skin inwards
+    transmittance: share of the ground's linear light that a marker transmits, shape (L, 3)
+    sensor: design of the sensor, or None if unknown; forces can be estimated only with it
+    seen: region of the pictures that shows the sensor, if it was located; None: markers are
+        searched in the whole picture, or within the rim of a known sensor
     """
 
     names: tuple[str, ...]
@@ -91,7 +91,7 @@ def palette_names() -> list[str]:
 
 
 def load_palette(name: str = DEFAULT_PALETTE) -> Palette:
-    """Palette of that name, of a sensor design, or from a `.toml` file of either.
+    """Load a palette by its name, the name of a sensor design, or the `.toml` file of either.
 
     Raises
     ------
@@ -113,6 +113,7 @@ def load_palette(name: str = DEFAULT_PALETTE) -> Palette:
 
 
 def _palette(table: PaletteTable) -> Palette:
+    """Make a palette from the contents of its file."""
     return Palette(
         names=tuple(dye.name for dye in table.dyes),
         transmittance=np.array([dye.transmittance for dye in table.dyes]),

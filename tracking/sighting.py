@@ -1,8 +1,8 @@
-"""Places of markers in a picture of any sensor, found by what all markers have in common.
+"""Detection of the marker pattern in a picture of any sensor, by properties that all markers share.
 
-Markers are round spots of one sign of contrast, as large as their neighbours, on ground that is
-smoother than they are strong, and they keep their distances. Colours, sizes and the sensor's place
-in the picture need not be known. A surround, a frame, lamps or a label do not repeat like that.
+Markers are round spots with one sign of contrast and the size of their neighbours, on smoother
+ground and at regular distances. Their colours and sizes and the sensor's position in the picture
+need not be known. Surroundings, a frame, lamps or a label do not repeat like that.
 """
 
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True)
 class SightSettings:
-    """Tuned numbers of `sight`.
+    """Tuned parameters of `sight`.
 
     Attributes
     ----------
     longest_side: longer side to which larger pictures are reduced [px]
-    smallest_side: shorter side that has room for markers and ground [px]
-    calm: blur before regions are sought, so that noise does not tear them [px]
+    smallest_side: smallest allowed shorter side of a picture [px]
+    calm: blur before regions are searched, so that noise does not split them [px]
     stable: number of grey levels over which a region must be stable
     smallest_pixels: smallest area of a marker [px²]
     largest_share: largest share of the picture that a marker covers
@@ -37,17 +37,17 @@ class SightSettings:
     same_centre: distance below which regions are one spot at several thresholds [radii]
     same_area: factor between the areas of such regions
     faintest: smallest contrast of a spot [grey levels]
-    as_large, as_strong: largest factors between the areas and the contrasts of neighbours
+    as_large, as_strong: largest ratios of the areas and of the contrasts of neighbours
     furthest: largest distance of neighbours [radii of the larger]
     neighbours: number of neighbours that are compared
-    fewest: number of markers below which there is no pattern
-    clear: smallest median contrast over the deviation of the light inside and around a spot
-    uneven: largest deviation of the distance to the nearest neighbour over its mean; that of random
-        points is 0.52
-    unlike: largest deviation of the logarithm of the areas; that of random radii within a factor of
-        two is 0.4
-    row: smallest deviation of the places across the longest way, over that distance
-    margin: distance of the edge of the field from the outermost markers, over the typical one
+    fewest: smallest number of markers of a pattern
+    clear: smallest median of contrast over standard deviation of the light inside and around a spot
+    uneven: largest standard deviation of the distance to the nearest neighbour over its mean;
+        random points have 0.52
+    unlike: largest standard deviation of the logarithm of the areas; random radii within a factor
+        of two have 0.4
+    row: smallest standard deviation of positions along the pattern's short axis [pitches]
+    margin: distance between the outermost markers and the edge of the field [pitches]
     """
 
     longest_side: int = 1280
@@ -74,16 +74,16 @@ class SightSettings:
 
 
 class Spots(NamedTuple):
-    """Spots of one channel that repeat like markers, n of them.
+    """n spots of one channel that repeat like markers.
 
     Attributes
     ----------
-    channel: number of the channel
+    channel: index of the channel
     bright: whether they are brighter than the ground
     position: centres [px], shape (n, 2)
-    area: [px²], shape (n,)
-    clear: contrast over the deviation of the light inside and around them
-    pitch: typical distance to the nearest other [px]
+    area: areas [px²], shape (n,)
+    clear: median contrast over the standard deviation of the light inside and around them
+    pitch: typical distance to the nearest other spot [px]
     """
 
     channel: int
@@ -96,15 +96,15 @@ class Spots(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Sighting:
-    """The field of view of a sensor, and how its markers stand out.
+    """Location of a sensor and its marker pattern in a picture.
 
     Attributes
     ----------
-    field: pixels that show the sensor's markers and the ground around them, shape (H, W)
+    field: mask of pixels that show the sensor's markers and the ground around them, shape (H, W)
     bright: whether the markers are brighter than the ground
-    spots: pixels of the spots that were found, shape (H, W)
-    position: centres of those of the clearest channel [px], shape (n, 2)
-    radius: of a typical spot [px]
+    spots: mask of pixels of the spots that were found, shape (H, W)
+    position: centres of the n spots in the clearest channel [px], shape (n, 2)
+    radius: radius of a typical spot [px]
     pitch: typical distance to the nearest other spot [px]
     """
 
@@ -123,13 +123,14 @@ def sight(
 
     Parameters
     ----------
-    image: sRGB, shape (H, W, 3)
-    within: where to look, by default everywhere, shape (H, W)
+    image: sRGB picture, shape (H, W, 3)
+    within: mask of pixels to search; None: everywhere, shape (H, W)
+    settings: tuned parameters
 
     Raises
     ------
     UserError
-        When nothing in it repeats like markers.
+        When the picture shows no marker pattern.
     """
     if min(image.shape[:2]) < settings.smallest_side:
         raise UserError(
@@ -166,13 +167,13 @@ def sight(
 
 
 def _channels(image: Image, faintest: float) -> list[int]:
-    """Channels that differ: all three, or one of a grey picture."""
+    """Channels to search: all three, or one in a grey picture."""
     spread = np.percentile(np.ptp(image[::2, ::2].astype(np.int16), axis=2), 99.5)
     return [1] if spread < faintest else [0, 1, 2]
 
 
 def _patterns(image: Image, channel: int, settings: SightSettings) -> list[Spots]:
-    """The largest group of alike spots of each sign in a channel."""
+    """Find the largest group of similar spots of each sign of contrast in a channel."""
     light = np.ascontiguousarray(image[..., channel])
     position, area = _regions(light, settings)
     contrast, rough = _contrasts(light, position, area)
@@ -188,6 +189,7 @@ def _patterns(image: Image, channel: int, settings: SightSettings) -> list[Spots
 
 
 def _pitch(position: Array) -> float:
+    """Median distance to the nearest other point [px]."""
     return float(np.median(_nearest(position)))
 
 
@@ -197,11 +199,11 @@ def _nearest(position: Array) -> Array:
 
 
 def _is_pattern(spots: Spots, settings: SightSettings) -> bool:
-    """Whether spots stand out clearly, keep their distances and are of one kind of size."""
+    """Whether spots have clear contrast, regular distances and similar sizes, and cover an area."""
     if len(spots.area) < settings.fewest or spots.clear < settings.clear:
         return False
     apart = _nearest(spots.position)
-    # Markers cover a surface; letters of a kind stand in a row.
+    # Markers cover a surface; letters stand in a row.
     narrow = np.sqrt(np.linalg.eigvalsh(np.cov(spots.position.T))[0])
     even = apart.std() < settings.uneven * apart.mean()
     even = even and np.log(spots.area).std() < settings.unlike
@@ -209,7 +211,7 @@ def _is_pattern(spots: Spots, settings: SightSettings) -> bool:
 
 
 def _inside(spots: Spots, within: Mask, scale: float) -> Spots:
-    """Spots within a mask of the unreduced picture."""
+    """Keep the spots within a mask of the full-size picture."""
     x, y = np.rint(spots.position * scale).astype(int).T
     some = within[np.clip(y, 0, len(within) - 1), np.clip(x, 0, within.shape[1] - 1)]
     if some.sum() < 2:
@@ -219,7 +221,7 @@ def _inside(spots: Spots, within: Mask, scale: float) -> Spots:
 
 
 def _regions(light: Image, settings: SightSettings) -> tuple[Array, Array]:
-    """Centres (n, 2) and areas (n,) of round regions that are stable over thresholds."""
+    """Centres (n, 2) and areas (n,) of n round regions that are stable over thresholds (MSER)."""
     calm = np.asarray(cv2.GaussianBlur(light, (0, 0), settings.calm))
     largest = int(settings.largest_share * light.size)
     mser = cv2.MSER.create(settings.stable, settings.smallest_pixels, largest, 0.5, 0.2)
@@ -247,7 +249,7 @@ def _regions(light: Image, settings: SightSettings) -> tuple[Array, Array]:
 
 
 def _unnested(centre: Array, area: Array, settings: SightSettings) -> list[int]:
-    """Numbers of regions, one of each spot: the middle one of those that lie in each other."""
+    """Indices of one region per spot: of nested regions the one of median area."""
     if len(area) == 0:
         return []
     tree, radius = scipy.spatial.KDTree(centre), np.sqrt(area / np.pi)
@@ -264,7 +266,7 @@ def _unnested(centre: Array, area: Array, settings: SightSettings) -> list[int]:
 
 
 def _contrasts(light: Image, position: Array, area: Array) -> tuple[Array, Array]:
-    """Light inside spots over that around them, and its deviation, both (n,) [grey levels]."""
+    """Mean level inside spots minus that around them, and its deviation, (n,) [grey levels]."""
     contrast, rough = np.zeros(len(area)), np.ones(len(area))
     height, width = light.shape
     for k, ((x, y), radius) in enumerate(zip(position, np.sqrt(area / np.pi), strict=True)):
@@ -283,7 +285,7 @@ def _contrasts(light: Image, position: Array, area: Array) -> tuple[Array, Array
 
 
 def _alike(position: Array, area: Array, contrast: Array, settings: SightSettings) -> Mask:
-    """The largest group of spots whose neighbours are like them, of n, shape (n,)."""
+    """Mask (n,) of the largest group of spots that are linked by similarity to neighbours."""
     count = len(area)
     if count < settings.fewest:
         return np.zeros(count, dtype=bool)
@@ -305,7 +307,7 @@ def _alike(position: Array, area: Array, contrast: Array, settings: SightSetting
 
 
 def _discs(position: Array, radius: Array, shape: tuple[int, ...]) -> Mask:
-    """Pixels of discs, shape (H, W)."""
+    """Mask of pixels inside discs, shape (H, W)."""
     drawn = np.zeros((shape[0], shape[1]), dtype=np.uint8)
     for (x, y), r in zip(position, radius, strict=True):
         cv2.circle(drawn, (round(x), round(y)), max(1, round(1.4 * r)), 1, -1)
@@ -313,11 +315,11 @@ def _discs(position: Array, radius: Array, shape: tuple[int, ...]) -> Mask:
 
 
 def _around(position: Array, reach: float, shape: tuple[int, ...]) -> Mask:
-    """Pixels within reach of points, and gaps between them filled, shape (H, W)."""
+    """Mask of pixels within reach of points, with gaps between them closed, shape (H, W)."""
     away = np.ones((shape[0], shape[1]), dtype=np.uint8)
     x, y = np.rint(position).astype(int).T
     away[np.clip(y, 0, shape[0] - 1), np.clip(x, 0, shape[1] - 1)] = 0
-    # Filled by growing and shrinking, with room beside the picture.
+    # Close gaps by growing and shrinking, on a padded picture.
     pad = int(2.0 * reach) + 2
     away = np.pad(away, pad, constant_values=1)
     near = np.asarray(cv2.distanceTransform(away, cv2.DIST_L2, 5)) < 2.0 * reach

@@ -14,23 +14,23 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, kw_only=True)
 class SpotSettings:
-    """Tuned numbers of the spots of a dye; areas are over the typical one.
+    """Tuned parameters for finding the spots of a dye; areas are relative to the typical area.
 
     Attributes
     ----------
-    faintest: density below which there is noise or dirt
-    edges: shares of the density inside spots at which they may end; a larger one parts those that
-        touch
-    inside: percentile of the dyed pixels' densities that is the density inside
+    faintest: smallest density of a spot; below it there is noise or dirt
+    edges: thresholds of spots to try, as shares of the density inside; a larger one separates spots
+        that touch
+    inside: percentile of the dyed pixels' densities that is taken as the density inside
     smallest: smallest area of a marker, which may be tilted or cut by the rim
     largest: largest area, as the rim of a fisheye image is stretched
     longest: largest length of a marker over its width
-    longest_cut: longest chord at which the edge of the field cuts a marker, over the root of its
-        area
+    longest_cut: largest length along which the edge of the field cuts a marker, over the root of
+        its area
     fewest_pixels: smallest area [px²]
     reach: distance from a spot at which its blurred edge ends [px]
-    soft: coverage below which a pixel has weight 0, and below 1 by which it has weight 1, so that
-        the noise of plain ground and plain dye has no influence
+    soft: coverage up to which a pixel has weight 0; from 1 − soft on it has weight 1. So noise of
+        plain ground and plain dye has no influence
     """
 
     faintest: float = 0.15
@@ -46,23 +46,24 @@ class SpotSettings:
 
 
 class Spots(NamedTuple):
-    """Spots of one dye with the size and the shape of markers, n of them."""
+    """n spots of one dye with the size and the shape of markers."""
 
-    labels: NDArray[np.int32]  # (H, W) number of each pixel's spot from 1 on, 0 for none
-    area: Array  # (n,) [px]
-    density: float  # of the dye inside them
+    labels: NDArray[np.int32]  # (H, W) spot of each pixel, 1 to n; 0 for none
+    area: Array  # (n,) areas of the spots [px²]
+    density: float  # density of the dye inside the spots
 
 
 def find_spots(
     density: Single, field: NDArray[np.bool_], parted: bool, settings: SpotSettings = SpotSettings()
 ) -> Spots:
-    """Connected dyed pixels of plausible size and shape.
+    """Find connected dyed pixels with the size and shape of markers.
 
     Parameters
     ----------
-    density: of the dye, shape (H, W)
-    field: where the sensor is, shape (H, W)
-    parted: whether to look closer for spots that touch
+    density: density of the dye, shape (H, W)
+    field: mask of the pixels that show the sensor, shape (H, W)
+    parted: whether to separate spots that touch, with all thresholds of `settings.edges`
+    settings: tuned parameters
     """
     # The median removes specks of noise.
     clean: Any = cv2.medianBlur(density * field, 3)
@@ -72,13 +73,13 @@ def find_spots(
         _plausible(clean, field, max(edge * inside, settings.faintest), settings)
         for edge in (settings.edges if parted else settings.edges[:1])
     ]
-    # The lowest of the edges that give the most spots.
+    # The lowest of the thresholds that give the most spots.
     best = max(spots, key=lambda labels_areas: len(labels_areas[1]))
     return Spots(*best, density=inside)
 
 
 def typical_area(areas: Array) -> float:
-    """Area such that half of all marked pixels lie in smaller spots; many specks do not matter."""
+    """Median area of spots, weighted by area: small specks have little influence."""
     if len(areas) == 0:
         return 0.0
     order = np.sort(areas)
@@ -89,7 +90,7 @@ def typical_area(areas: Array) -> float:
 def _plausible(
     density: Single, field: NDArray[np.bool_], least: float, settings: SpotSettings
 ) -> tuple[NDArray[np.int32], Array]:
-    """Number of each pixel's spot, and areas, of the spots above a density that may be markers."""
+    """Labels (H, W) and areas (n,) of the spots above density `least` that may be markers."""
     mask = (density > least).astype(np.uint8)
     labels: Any
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
@@ -111,7 +112,7 @@ def _plausible(
 def _length_to_width(
     label: NDArray[np.int32], x: NDArray[np.intp], y: NDArray[np.intp], count: int
 ) -> Array:
-    """Ratio of the axes of each label's ellipse of inertia, shape (count,)."""
+    """Axis ratio of the ellipse with each label's moments of inertia, shape (count,)."""
 
     def mean(value: Array) -> Array:
         return np.bincount(label, value, count) / np.maximum(np.bincount(label, None, count), 1)
@@ -125,11 +126,11 @@ def _length_to_width(
 
 
 def surroundings(spots: Spots, settings: SpotSettings = SpotSettings()) -> tuple[Indices, Indices]:
-    """Pixels of spots and of their blurred edges, and the number of the nearest spot to each.
+    """Pixels of spots and their blurred edges, and the nearest spot to each.
 
     Returns
     -------
-    Indices into the raveled image, and numbers 0…n−1, both of shape (K,).
+    Indices of K pixels in the flattened image, and indices of their spots 0…n−1, both (K,).
     """
     mask = spots.labels > 0
     distance, labels = cv2.distanceTransformWithLabels(
@@ -149,16 +150,17 @@ def weigh(
     count: int,
     settings: SpotSettings = SpotSettings(),
 ) -> tuple[Array, Array, Array]:
-    """Centroids (n, 2) [px], areas (n,) [px²] and shapes of what markers cover of each pixel.
+    """Compute centroids (n, 2) [px], areas (n,) [px²] and shapes of markers from their coverage.
 
-    A shape is the symmetric matrix that makes the unit circle the ellipse of that area with the
-    marker's moments of inertia, (n, 2, 2) [px].
+    A shape is the symmetric matrix that maps the unit circle to the ellipse with the marker's area
+    and ratios of moments of inertia, (n, 2, 2) [px].
 
     Parameters
     ----------
-    coverage: 0…1 but for noise, shape (H, W)
-    pixels, number: of `surroundings`
-    count: of markers, n
+    coverage: share of each pixel that is covered, 0…1 plus noise, shape (H, W)
+    pixels, number: results of `surroundings`
+    count: number n of markers
+    settings: tuned parameters
     """
     y, x = (v.astype(float) for v in np.divmod(pixels, coverage.shape[1]))
     share = coverage.ravel()[pixels].astype(float)

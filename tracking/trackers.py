@@ -17,9 +17,9 @@ class Tracker(Protocol):
 
     Attributes
     ----------
-    state: all that changes from frame to frame, as one value that is never changed in place: a
-        tracker that was reset with the same rest frames and is given another one's state goes on as
-        that one would have
+    state: everything that changes from frame to frame, as one value that is never changed in place.
+        A tracker that was reset with the same rest frames and receives another tracker's state
+        continues like that one
     """
 
     state: Any
@@ -35,7 +35,7 @@ class Tracker(Protocol):
         ...
 
     def update(self, frame: Frame) -> Tracks:
-        """Markers in the next frame.
+        """Find the markers in the next frame.
 
         Raises
         ------
@@ -80,29 +80,30 @@ TRACKERS = Registry(
         ),
     },
 )
-#: Tracker that is used where none is named.
+#: Name of the default tracker.
 DEFAULT_TRACKER = "fit"
 
 
 def tracker_names() -> dict[str, str]:
-    """One line about each tracker, by name."""
+    """One-line description of each tracker, by name."""
     return TRACKERS.descriptions()
 
 
 def load_tracker(
     choice: Choice, arguments: Mapping[str, Any] | None = None
 ) -> Callable[[Palette, float], Tracker]:
-    """Factory of trackers, called with a palette and the camera's noise [grey levels].
+    """Load a factory of trackers, which takes a palette and the camera's noise [grey levels].
 
     Parameters
     ----------
-    choice: name of ours or of an entry point, `module:Class`, or a class or other factory
+    choice: name of a built-in tracker or of an entry point, `module:Class`, or a class or other
+        factory
     arguments: further arguments of the class, by name
 
     Raises
     ------
     UserError
-        When there is none of that name, or it cannot be imported.
+        When no tracker has that name, or it cannot be imported.
     """
     factory: Callable[[Palette, float], Tracker] = TRACKERS.load(choice, arguments)
     return factory

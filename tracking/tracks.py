@@ -1,4 +1,4 @@
-"""What is known of the markers in one frame."""
+"""Measurements of the markers in one frame."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 class _WhenRead:
-    """Field that may be given as a function, which is called when the field is first read."""
+    """Descriptor of a field that may be given as a function, which is called on first reading."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
@@ -31,25 +31,25 @@ class _WhenRead:
 
 @dataclass(frozen=True, kw_only=True)
 class Tracks:
-    """Markers of L layers, from the skin inwards; number m of all layers sat together at rest.
+    """M numbered markers in each of L layers, from the skin inwards.
 
-    A layer that has no marker of a number at rest never shows it. What a tracker does not measure
-    (sizes, hues, covariances) is NaN.
+    Markers of one number in different layers lie on each other at rest. A layer may lack a number;
+    that marker is never visible. What a tracker does not measure (sizes, hues, covariances) is NaN.
 
     Attributes
     ----------
-    time: of the frame [s]
-    position: of the middle of each marker's image [px], shape (L, M, 2); NaN where not visible
+    time: time of the frame [s]
+    position: middle of each marker's image [px], shape (L, M, 2); NaN where not visible
     log_size: logarithm of the marker's size over its size at rest, shape (L, M)
-    hue: mean hue over the first layer's marker [°], −180…180, shape (M,); a tracker may give a
-        function that measures it, which is called when it is first read: until then the frame's
-        image must not be changed
-    visible: found in this frame, shape (L, M)
-    ambiguous: found, but its number is not certain, shape (L, M)
+    hue: mean hue over the first layer's marker [°], −180…180, shape (M,). A tracker may give a
+        function instead, which is called when the hue is first read; until then the frame's image
+        must not be changed
+    visible: whether the marker is found in this frame, shape (L, M)
+    ambiguous: whether it is found but its number is not certain, shape (L, M)
     last_seen: time of the last frame in which it was found [s], shape (L, M); NaN for never
-    covariance: of (x, y, log_size) of all layers together, shape (M, 3L, 3L), first layer first
-    compression: factor by which lossy compression of the picture, as far as its pixels show it,
-        enlarged the deviations of places that moved, which the covariance contains; 1 for none
+    covariance: covariance of (x, y, log_size) of all layers, first layer first, (M, 3L, 3L)
+    compression: factor by which lossy compression of the picture increased the standard deviations
+        of moved markers, estimated from its pixels; `covariance` includes it. 1: no compression
     """
 
     time: float
@@ -64,13 +64,13 @@ class Tracks:
 
     @classmethod
     def of_positions(cls, time: float, position: Array, before: "Tracks | None" = None) -> "Tracks":
-        """Tracks of a tracker that measures places alone.
+        """Make the tracks of a tracker that measures positions only.
 
         Parameters
         ----------
-        time: of the frame [s]
-        position: of each marker [px], shape (L, M, 2); NaN where it is not visible
-        before: of the frame before, which knows when markers were seen last
+        time: time of the frame [s]
+        position: position of each marker [px], shape (L, M, 2); NaN where it is not visible
+        before: tracks of the previous frame, for `last_seen`
         """
         position = np.asarray(position, dtype=float)
         layers, count, _ = position.shape
@@ -88,5 +88,5 @@ class Tracks:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Values to copy or pickle: the hue is measured, the image stays behind."""
+        """Values to copy or pickle; the hue is measured first, as the image is not copied."""
         return {**vars(self), "hue": self.hue}

@@ -1,7 +1,7 @@
-"""From an image to the dyes: densities and coverages, free of shading.
+"""Densities and coverages of the dyes in an image, corrected for shading.
 
-By Beer and Lambert's law the light of a pixel is that of the ground times Π Tₖ^dₖ, where Tₖ is the
-transmittance of dye k and dₖ its density.
+By Beer and Lambert's law the light of a pixel is that of the ground times Π Tₖ^dₖ, with the
+transmittance Tₖ of dye k and its density dₖ.
 """
 
 from typing import Any
@@ -17,38 +17,38 @@ Single = NDArray[np.float32]
 #: Linear light, in either precision.
 Light = NDArray[np.floating[Any]]
 
-#: Least linear light, so that its logarithm is finite.
+#: Smallest linear light, so that its logarithm is finite.
 _BLACK = 1e-4
-#: Ground is looked for within this many of the markers' typical distance.
+#: Size of the window in which ground is searched [pitches of the markers].
 AROUND = 2.2
-#: Channels of a colour image differ by more than this somewhere [grey levels].
+#: Smallest difference between the channels of a colour image [grey levels].
 COLOURED = 12.0
-#: Linear light that is told from black for certain: three grey levels make 1e-3.
+#: Linear light that is certainly not black; three grey levels are 1e-3.
 DARKEST = 3e-3
-#: Distance of the pixels that the shading is fitted to [px].
+#: Spacing of the pixels to which the shading is fitted [px].
 _STRIDE = 4
 
 
 def unmixing_matrix(transmittance: Array) -> Array:
-    """Least-squares map from log attenuation (R, G, B) to dye densities, shape (L, 3).
+    """Least-squares matrix from log attenuation (R, G, B) to the densities of L dyes, (L, 3).
 
-    A density is 1 inside a marker of that dye and 0 outside, wherever the other layer's lie.
+    A density is 1 inside a marker of that dye and 0 outside, with or without the other dyes.
 
     Parameters
     ----------
-    transmittance: share of the ground's light that each dye leaves, shape (L, 3)
+    transmittance: share of the ground's light that each dye transmits, shape (L, 3)
     """
     return np.linalg.pinv(-np.log(transmittance).T)
 
 
 def dye_densities(linear: Light, ground: Light, matrix: Array) -> Light:
-    """Density of each dye per pixel, shape (L, H, W), as precise as the light.
+    """Density of each of L dyes at each pixel, shape (L, H, W), in the dtype of `linear`.
 
     Parameters
     ----------
     linear: linear light of the picture, shape (H, W, 3)
-    ground: of the sensor without markers, shape (H, W, 3)
-    matrix: of `unmixing_matrix`, shape (L, 3)
+    ground: linear light of the sensor without markers, shape (H, W, 3)
+    matrix: unmixing matrix, see `unmixing_matrix`, shape (L, 3)
     """
     attenuation = np.log(np.maximum(ground, _BLACK)) - np.log(np.maximum(linear, _BLACK))
     mixed = cv2.transform(attenuation, matrix).reshape(*attenuation.shape[:2], -1)
@@ -63,21 +63,21 @@ def dye_coverages(
     calming: float = 0.6,
     alone: float = 0.04,
 ) -> Single:
-    """Share of each blurred pixel that markers of each layer cover, shape (L, H, W).
+    """Share of each blurred pixel that markers of each of L layers cover, shape (L, H, W).
 
-    A lens blurs light, in which coverages are linear and densities are not. Light over the ground's
-    is 1 − a₀C₀ − a₁C₁ + a₀a₁C₀₁, where a is the share that a dye absorbs and C₀₁ the coverage by
-    both. C₀₁ is about the smaller of C₀ and C₁, because the edges of a pair run side by side; where
-    they cross it is less by an amount that is estimated first. Light is thus linear in both, once
-    it is known which one is smaller.
+    A lens blurs light, which is linear in coverages but not in densities. Light over the ground's
+    is 1 − a₀C₀ − a₁C₁ + a₀a₁C₀₁, with the share a that a dye absorbs, the coverage C by a layer and
+    C₀₁ by both. C₀₁ is about the smaller of C₀ and C₁, because the edges of a pair run side by
+    side; where they cross it is smaller by an amount that is estimated first. So light is linear in
+    C₀ and C₁ once the smaller one is known.
 
     Parameters
     ----------
-    ratio: linear light over the ground's, shape (H, W, 3)
-    transmittance: share of the ground's linear light that a marker leaves, shape (L, 3)
-    noise_power: power of linear light that its noise is proportional to; levels are about its root
-    calming: blur of the image from which the layer with the smaller coverage is chosen [px]
-    alone: smaller coverage that is noise: only one layer, or none, is there
+    ratio: linear light over that of the ground, shape (H, W, 3)
+    transmittance: share of the ground's linear light that each dye transmits, shape (L, 3)
+    noise_power: exponent p of the noise of linear light, which is proportional to light to the p
+    calming: blur of the image in which the smaller coverage is chosen [px]
+    alone: smaller coverage below which a pixel shows only one layer, or none
     """
     absorbed = 1.0 - transmittance
     weight = np.prod(0.5 + 0.5 * transmittance, axis=0) ** -noise_power
@@ -102,7 +102,7 @@ def dye_coverages(
 
 
 def _too_much(coverages: Single) -> Single:
-    """Smaller coverage less the coverage by both layers, shape (H, W).
+    """Smaller coverage minus coverage by both layers, shape (H, W).
 
     The latter depends on the angle between the edges, see `covered_by_both`.
     """
@@ -116,7 +116,7 @@ def _too_much(coverages: Single) -> Single:
 
 
 def _solve(lost: Single, absorbed: Array, weight: Array) -> Single:
-    """Coverages (L, H, W) by weighted least squares, of lost light over the ground's (H, W, 3)."""
+    """Coverages (L, H, W) from absorbed over ground light (H, W, 3), by weighted least squares."""
     matrix = np.linalg.pinv((absorbed * weight).T) * weight
     coverages: Any = cv2.transform(lost, matrix)
     return np.moveaxis(coverages.reshape(*lost.shape[:2], -1), 2, 0)
@@ -125,22 +125,22 @@ def _solve(lost: Single, absorbed: Array, weight: Array) -> Single:
 def rough_ground(
     smooth: Single, size: int, seen: NDArray[np.bool_], bright: bool
 ) -> tuple[Single, NDArray[np.bool_]]:
-    """Brightest light near each pixel, as an estimate of the ground, and a mask of the lit field.
+    """Estimate the ground by the brightest light near each pixel, and a mask of the lit field.
 
-    For markers that are brighter than the ground it is the darkest light.
+    If markers are brighter than the ground, it is the darkest light.
 
     Parameters
     ----------
-    smooth: linear light, smoothed because extremes of noise would be taken, shape (H, W, 3)
-    size: larger than a marker [px]
-    seen: pixels that may show the sensor, shape (H, W)
+    smooth: linear light, smoothed so that extremes of noise are not taken, shape (H, W, 3)
+    size: size of the window, larger than a marker [px]
+    seen: mask of pixels that may show the sensor, shape (H, W)
     bright: whether markers are brighter than the ground
     """
     small = min(8, max(1, size // 12))
     height, width = smooth.shape[:2]
     reduced = cv2.resize(smooth, (width // small, height // small), interpolation=cv2.INTER_AREA)
-    # The outside of the image counts as dark, as a housing is: so that a narrow strip of housing
-    # in the image is not closed as a marker would be.
+    # The outside of the image counts as dark, like a housing. Otherwise a narrow strip of housing
+    # in the image would be closed like a marker.
     pad = size // small
     border = cv2.BORDER_REPLICATE if bright else cv2.BORDER_CONSTANT
     padded: Any = cv2.copyMakeBorder(reduced, pad, pad, pad, pad, border, value=(0.0, 0.0, 0.0))
@@ -151,12 +151,12 @@ def rough_ground(
         seen.astype(np.float32), (width // small, height // small), interpolation=cv2.INTER_AREA
     )
     lit = _lit(reduced, known > 0.5)
-    # Smoothed within the lit field, so that the housing does not darken the rim.
+    # Smooth within the lit field only, so that the housing does not darken the rim.
     parts: Any = np.dstack([reduced * lit[..., None], lit])
     parts = cv2.GaussianBlur(parts, (0, 0), 0.15 * size / small)
     smoothed = parts[..., :3] / np.maximum(parts[..., 3:], 1e-3)
     ground: Any = cv2.resize(smoothed, (width, height))
-    # Clear of the edge.
+    # Keep away from the edge.
     field: Any = (cv2.resize(lit, (width, height)) > 0.5).astype(np.uint8)
     field = cv2.erode(field, np.ones((5, 5)), borderType=cv2.BORDER_REPLICATE)
     return ground, field.astype(bool)
@@ -169,15 +169,14 @@ def _lit(
     brightest: float = 0.5,
     rare: float = 0.01,
 ) -> Single:
-    """1 in the largest region that is about as bright as the brightest, 0 elsewhere, (H, W).
+    """Image (H, W): 1 in the largest bright connected region within `seen`, 0 elsewhere.
 
-    It is 0 where `seen` is False. The surroundings of a sensor are darker, and few pixels have a
-    light in between.
+    The threshold lies at a light between ground and darker surroundings that few pixels have.
 
     Parameters
     ----------
-    darkest, brightest: lowest and highest light at the edge of the field, over the brightest ground
-    rare: share of the pixels below which a light is in between
+    darkest, brightest: smallest and largest threshold, over the brightest ground
+    rare: share of the pixels below which a range of light counts as a gap
     """
     light = np.maximum(ground.max(axis=2), _BLACK)
     share = np.where(seen, light / np.percentile(light[seen], 95), 0.0)
@@ -193,9 +192,9 @@ def _lit(
 def plain_pixels(
     densities: Light, field: NDArray[np.bool_], margin: int, touching: float = 0.2
 ) -> NDArray[np.bool_]:
-    """Pixels of a field that are clear of markers of any layer by a margin [px], shape (H, W).
+    """Mask of a field's pixels that keep a margin [px] from markers of any layer, shape (H, W).
 
-    Pixels of a density above `touching` belong to markers.
+    Pixels with a density above `touching` belong to markers.
     """
     touched: Any = (abs(densities) > touching).any(axis=0).astype(np.uint8)
     # Opening removes specks of noise.
@@ -205,19 +204,19 @@ def plain_pixels(
 
 
 def estimate_ground(linear: Light, plain: NDArray[np.bool_], scale: float) -> Light:
-    """Linear light of the unmarked skin, from the pixels between the markers.
+    """Estimate the linear light of the unmarked skin from the pixels between the markers.
 
-    A polynomial in (x, y) describes the shading of the dome; the remainder is smoothed locally.
+    A polynomial in (x, y) describes the shading of the dome; the residual is smoothed locally.
 
     Parameters
     ----------
     linear: linear-light image, shape (H, W, 3)
-    plain: pixels that show unmarked skin, shape (H, W)
-    scale: smoothing, about the distance between markers [px]
+    plain: mask of pixels that show unmarked skin, shape (H, W)
+    scale: smoothing length, about the distance between markers [px]
 
     Returns
     -------
-    Ground under every pixel, shape (H, W, 3), as precise as the light.
+    Ground at every pixel, shape (H, W, 3), in the dtype of `linear`.
     """
     shading = _polynomial_shading(linear, plain)
     ratio = linear / shading
@@ -227,13 +226,13 @@ def estimate_ground(linear: Light, plain: NDArray[np.bool_], scale: float) -> Li
     parts: Any = np.dstack([ratio * plain[..., None], plain]).astype(np.float32)
     parts = cv2.resize(parts, small, interpolation=cv2.INTER_AREA)
     parts = cv2.GaussianBlur(parts, (0, 0), scale / _STRIDE)
-    # Far from all plain pixels the polynomial alone counts.
+    # Far from all plain pixels only the polynomial counts.
     local = (parts[..., :3] + 1e-3) / (parts[..., 3:] + 1e-3)
     return shading * cv2.resize(local, (width, height), interpolation=cv2.INTER_LINEAR)
 
 
 def _polynomial_shading(linear: Light, plain: NDArray[np.bool_]) -> Single:
-    """Log-polynomial through the plain pixels, per channel, shape (H, W, 3)."""
+    """Fit a polynomial per channel to the logarithm of plain pixels; return its light (H, W, 3)."""
     height, width = plain.shape
     # The shading is so smooth that every fourth pixel is enough.
     rows, cols = np.arange(0, height + 3, _STRIDE), np.arange(0, width + 3, _STRIDE)
@@ -245,7 +244,7 @@ def _polynomial_shading(linear: Light, plain: NDArray[np.bool_]) -> Single:
     inside = across[: light.shape[0], : light.shape[1]]
     for _ in range(3):
         target = np.log(np.maximum(light[sample], _BLACK))
-        # Normal equations: thirty unknowns of ten thousand pixels.
+        # Normal equations: thirty unknowns from ten thousand pixels.
         known = inside[sample]
         coefficients = np.linalg.lstsq(known.T @ known, known.T @ target, rcond=None)[0]
         # Outside the dome, where it is not used, the polynomial diverges.
@@ -258,9 +257,9 @@ def _polynomial_shading(linear: Light, plain: NDArray[np.bool_]) -> Single:
 
 
 def _near_one(ratio: Light, near: float = 0.08) -> NDArray[np.bool_]:
-    """Mask of pixels with light near the shading in every channel, shape (H, W).
+    """Mask of pixels whose ratio of light to shading is near 1 in every channel, shape (H, W).
 
-    `near` is a relative difference: more than noise, less than an edge.
+    `near` is the largest relative difference: more than noise, less than an edge.
     """
     low, high = [1.0 - near] * 3, [1.0 + near] * 3
     return np.asarray(cv2.inRange(ratio, np.array(low), np.array(high))).astype(bool)

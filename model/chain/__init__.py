@@ -1,4 +1,4 @@
-"""The thesis's node model: a slice of the fingertip as a chain of nodes on springs."""
+"""The thesis's node model: a plane slice of the fingertip as a chain of nodes on springs."""
 
 from .assembly import chain, contact
 from .plant import IMPLICIT, march

@@ -1,4 +1,4 @@
-"""Numbers the compiled kernels work on, scaled to the node spacing: the chain and its object."""
+"""Parameters of chain and object for the compiled kernels, scaled to the node spacing."""
 
 from functools import lru_cache
 from typing import NamedTuple, get_args
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 class Chain(NamedTuple):
-    """Numbers of one fingertip (SI).
+    """Parameters of a chain of N nodes, in SI units.
 
     A half chain starts at the apex, which its mirror plane holds in x; a whole one starts at the
     left rim, which the rigid part holds.
@@ -24,19 +24,19 @@ class Chain(NamedTuple):
 
     rest: Array  # (N, 2) node positions
     share: Array  # (N,) arc length of a node over that at 251 even nodes
-    tissue: Array  # (N,) spring to the rigid part
-    membrane: Array  # (N − 1,) spring to the next node
-    cross_tissue: Array  # (N,) Poisson factor with the sign of its half
-    cross_membrane: Array  # (N − 1,)
-    damping: Array  # (N,)
-    damping_rigid: float
-    law: int
-    half: bool
+    tissue: Array  # (N,) stiffness of the spring from each node to the rigid part
+    membrane: Array  # (N − 1,) stiffness of the spring from each node to the next
+    cross_tissue: Array  # (N,) Poisson factor of `tissue`, with the sign of its half
+    cross_membrane: Array  # (N − 1,) Poisson factor of `membrane`
+    damping: Array  # (N,) damper from each node to ground
+    damping_rigid: float  # damper from the rigid part to ground
+    law: int  # index in `SpringLaw`
+    half: bool  # whether this is the right half of a symmetric chain
 
 
 @lru_cache(maxsize=64)
 def chain(fingertip: Fingertip, half: bool = False) -> Chain:
-    """Numbers of a fingertip, or of its right half from the apex on."""
+    """Parameters of a fingertip, or of its right half from the apex on."""
     rest, share = fingertip.rest_positions(), fingertip.shares()
     arc = fingertip.arc_lengths()
     spacing = np.diff(arc) * ((REFERENCE_NODES - 1) / arc[-1])
@@ -57,6 +57,7 @@ def chain(fingertip: Fingertip, half: bool = False) -> Chain:
 
 
 def _right_half(whole: Chain) -> Chain:
+    """Cut the right half of a symmetric chain; UserError if it is not symmetric."""
     n = len(whole.share)
     mirrored = whole.rest[::-1] * [-1.0, 1.0]
     if n % 2 == 0 or abs(whole.rest - mirrored).max() > 1e-12:
@@ -79,7 +80,7 @@ def _right_half(whole: Chain) -> Chain:
 
 @lru_cache(maxsize=256)
 def contact(fingertip: Fingertip, obj: ContactObject) -> Contact:
-    """Numbers of an object that just touches the fingertip at rest.
+    """Parameters of an object, placed so that it just touches the fingertip at rest.
 
     Raises
     ------
@@ -88,7 +89,7 @@ def contact(fingertip: Fingertip, obj: ContactObject) -> Contact:
     """
     knots, pieces = _spline(obj.profile)
     places, factors = np.array(obj.patches, dtype=float).reshape(-1, 2).T.copy()
-    # An integer would have every kernel compiled once more.
+    # An integer would compile every kernel again.
     return Contact(
         stiffness=float(obj.stiffness),
         mu=float(obj.friction),
@@ -117,7 +118,7 @@ def check_fit(fingertip: Fingertip, obj: ContactObject) -> None:
 
 
 def _spline(profile: tuple[tuple[float, float], ...] | None) -> tuple[Array, Array]:
-    """Knots and cubic pieces through the points, straight beyond the ends."""
+    """Knots and piece coefficients of a cubic spline through the points, straight beyond them."""
     if profile is None:
         return np.empty(0), np.empty((1, 4))
     # Contiguous, as the empty knots are: kernels are compiled once for both.
@@ -131,7 +132,7 @@ def _spline(profile: tuple[tuple[float, float], ...] | None) -> tuple[Array, Arr
 
 
 def _lift(fingertip: Fingertip, obj: ContactObject, knots: Array, pieces: Array) -> float:
-    """Shift along z at which the first node touches."""
+    """Shift of the object along z at which the first node touches [m]."""
     x, z = fingertip.rest_positions().T
     if len(knots):
         k = np.searchsorted(knots, x)

@@ -1,8 +1,8 @@
-"""The baseline, as the thesis did it: a dense stiffness matrix refilled at every evaluation.
+"""The thesis's method as a baseline: a dense stiffness matrix, assembled at every evaluation.
 
-Plain NumPy and explicit integrators (thesis section 3 and Fig. 6), the friction force in the state
-(Eq. 13). It shares the parameters and the surface's geometry with the implicit integrators, nothing
-else, so that it checks them; and it is the yardstick of their speed, never the default.
+It uses plain NumPy and explicit integrators (thesis section 3 and Fig. 6), with the friction force
+in the state (Eq. 13). It shares only parameters and surface geometry with the implicit integrators,
+so that it checks them. It is also the reference for their speed, and never the default.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 def stiffness_matrix(ch: Chain, u: Array, rigid: float) -> Array:
-    """K of the thesis's Fig. 6, rows and columns x of N nodes and the rigid part, then z of them.
+    """Stiffness matrix K (thesis Fig. 6): x of the N nodes and the rigid part, then z of them.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def stiffness_matrix(ch: Chain, u: Array, rigid: float) -> Array:
 
     Returns
     -------
-    Matrix that gives the spring forces on nodes and rigid part [N/m], shape (2N + 2, 2N + 2).
+    Matrix from displacements to spring forces on nodes and rigid part [N/m], (2N + 2, 2N + 2).
     """
     n = len(u)
     size = n + 1
@@ -78,7 +78,7 @@ def _add_springs(
 
 
 def axial_forces(ch: Chain, u: Array, rigid: float) -> Array:
-    """Spring forces on nodes and rigid part of the Sensor Model (thesis Eq. 14) [N], (N + 1, 2)."""
+    """Spring forces of the Sensor Model (thesis Eq. 14) on nodes and rigid part [N], (N + 1, 2)."""
     forces = np.zeros((len(u) + 1, 2))
     held = ch.rest + u - [0.0, rigid]
     tissue = _hooke(held, ch.rest, ch.tissue)
@@ -91,6 +91,7 @@ def axial_forces(ch: Chain, u: Array, rigid: float) -> Array:
 
 
 def _hooke(reach: Array, rest: Array, stiffness: Array) -> Array:
+    """Forces of axial springs with vectors `reach` between their ends, and `rest` unloaded."""
     length = np.linalg.norm(reach, axis=1)
     stretch = length - np.linalg.norm(rest, axis=1)
     return (stiffness * stretch / length)[:, None] * reach
@@ -100,7 +101,7 @@ Rates = Callable[[float, Array], Array]
 
 
 def equations(ch: Chain, ct: Contact, drive: Drive) -> Rates:
-    """Right-hand side dy/dt of the plant; y as in `pack`."""
+    """Make the right-hand side dy/dt of fingertip and object; y as in `pack`."""
     n = len(ch.share)
     damping = ch.damping[:, None]
 
@@ -156,19 +157,19 @@ def _dahl_rate(
 
 
 def pack(state: State) -> Array:
-    """State vector: x of the nodes, z of the nodes, rigid part, object, friction; (3N + 2,)."""
+    """State vector (3N + 2,): x of the nodes, z of the nodes, rigid part, object, friction."""
     d = state.deformation
     poses = [d.rigid_part, d.object_position]
     return np.concatenate([d.nodes[:, 0], d.nodes[:, 1], poses, state.friction])
 
 
 def unpack(y: Array, n: int) -> tuple[Array, float, float, Array]:
-    """Displacements (N, 2), rigid part, object and friction (N,) of a state vector."""
+    """Split a state vector into displacements (N, 2), rigid part, object and friction (N,)."""
     return y[: 2 * n].reshape(2, n).T, float(y[2 * n]), float(y[2 * n + 1]), y[2 * n + 2 :]
 
 
 def unpacked(y: Array, rates: Array, time: float, dt: float, n: int) -> State:
-    """State of a state vector; the rates are those at its end, not means over a step."""
+    """Make a State from a state vector; its rates hold at its time, and are no step means."""
     u, rigid, object_x, friction = unpack(y, n)
     v, v_rigid, v_object, _ = unpack(rates, n)
     return State(
@@ -182,12 +183,12 @@ def unpacked(y: Array, rates: Array, time: float, dt: float, n: int) -> State:
 
 
 def euler(rates: Rates, time: float, y: Array, dt: float) -> Array:
-    """One forward Euler step."""
+    """Make one forward Euler step."""
     return y + dt * rates(time, y)
 
 
 def rk4(rates: Rates, time: float, y: Array, dt: float) -> Array:
-    """One step of the classical Runge–Kutta method."""
+    """Make one step of the classical Runge–Kutta method."""
     k1 = rates(time, y)
     k2 = rates(time + dt / 2, y + dt / 2 * k1)
     k3 = rates(time + dt / 2, y + dt / 2 * k2)
@@ -203,7 +204,7 @@ def fixed(
     dt: float,
     steps: int,
 ) -> Iterator[tuple[int, Array]]:
-    """Number and state vector of each of some explicit steps."""
+    """Make explicit steps; yield the number of steps so far and the state vector after each."""
     for k in range(steps):
         y = advance(rates, time + k * dt, y, dt)
         yield k + 1, y
@@ -217,7 +218,7 @@ def adaptive(
     dt: float,
     steps: int,
 ) -> Iterator[tuple[int, Array]]:
-    """Number and state vector of the last of some steps, which SciPy divides as it needs."""
+    """Make steps that SciPy subdivides as needed; yield their number and the last state vector."""
     end = time + steps * dt
     absolute, relative = 1e-9, 1e-6
     solution = scipy.integrate.solve_ivp(
@@ -236,8 +237,8 @@ class Dense:
 
     Attributes
     ----------
-    name: of the method, for messages and its stable step
-    advance: number and state vector after steps, from rates, time, state vector, step and count
+    name: name of the method, for messages and its stable step
+    advance: function like `fixed` with its first argument bound
     """
 
     name: str
@@ -253,12 +254,12 @@ class Dense:
         steps: int,
         every: int,
     ) -> History:
-        """Run of some steps; see `Integrator`.
+        """Run a number of steps; see `Integrator`.
 
         Raises
         ------
         DivergedError
-            When the state grew without bound.
+            When a node moves by more than 1 m.
         """
         if ch.half:
             raise UserError(f"a half chain runs with implicit or lagged, not {self.name}")
@@ -285,6 +286,7 @@ BDF = partial(Dense, "bdf", partial(adaptive, "BDF"))
 def _refuse_lost(
     method: str, y: Array, step: int, ch: Chain, ct: Contact, state: State, dt: float
 ) -> None:
+    """Raise DivergedError for a state vector that has diverged."""
     lost = 1.0  # a run has diverged when a node is further than this from rest [m]
     if not abs(y[: 2 * len(ch.share) + 1]).max() < lost:
         limit = stable_step(ch, ct, state, method)
@@ -299,8 +301,8 @@ def _refuse_lost(
 def stable_step(ch: Chain, ct: Contact, state: State, method: str = "euler") -> float:
     """Largest stable step of an explicit method, 2c/λmax for forward Euler [s].
 
-    λmax/c is the largest eigenvalue of the equations' own Jacobian at a state, by differences: the
-    turning of springs, contact and friction are in it.
+    λmax/c is the largest eigenvalue of the Jacobian of `equations` at a state, by finite
+    differences. It includes contact, friction and the rotation of springs.
     """
     rates = equations(ch, ct, Drive.constant(0.0))
     y = pack(state)

@@ -1,4 +1,4 @@
-"""Drives of the plant: grip and load over time, by force or by position."""
+"""Drive of fingertip and object: grip and load over time, as forces or as positions."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,16 +15,17 @@ Control = Literal["force", "position"]
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """Time series, straight between its points; a time that is given twice is a jump.
+    """Time series of grip and load, linear between its K points.
 
-    Before the first and after the last point the value stays.
+    Two points at the same time are a jump. Before the first and after the last point the values are
+    constant.
 
     Attributes
     ----------
-    times: of the points, not decreasing [s], shape (K,)
+    times: times of the points, not decreasing [s], shape (K,)
     normal: grip force on the rigid part along z [N], or its position along z [m], shape (K,)
     lateral: load on the object along x [N], or its position along x [m], shape (K,)
-    normal_control, lateral_control: which of the two it is
+    normal_control, lateral_control: whether `normal` and `lateral` are forces or positions
     """
 
     times: Array
@@ -54,7 +55,7 @@ class Drive:
 
     @classmethod
     def constant(cls, grip: float, load: float = 0.0) -> Self:
-        """Grip force and load [N] that stay as they are."""
+        """Make a drive with constant grip force and load [N]."""
         return cls(times=np.zeros(1), normal=np.array([grip]), lateral=np.array([load]))
 
     @property
@@ -63,16 +64,16 @@ class Drive:
         return self.normal_control == "position", self.lateral_control == "position"
 
     def at(self, time: Array) -> Array:
-        """Both values at some times, after a jump that falls on one; shape (T, 2)."""
+        """Values of `normal` and `lateral` at T times, after any jump there, shape (T, 2)."""
         return self._evaluate(time)[0]
 
     def rate(self, time: Array) -> Array:
-        """Slope of both values at some times, after a jump that falls on one; shape (T, 2)."""
+        """Time derivatives of both values at T times, after any jump there, shape (T, 2)."""
         return self._evaluate(time)[1]
 
     @cached_property
     def _pieces(self) -> tuple[Array, Array]:
-        """Values (K, 2), and slopes before, between and after the points (K + 1, 2)."""
+        """Values at the points (K, 2); derivatives before, between and after them (K + 1, 2)."""
         values = np.column_stack([self.normal, self.lateral])
         slopes = np.zeros((len(self.times) + 1, 2))
         step = np.diff(self.times)
@@ -81,8 +82,9 @@ class Drive:
         return values, slopes
 
     def _evaluate(self, time: Array) -> tuple[Array, Array]:
+        """Values and derivatives at T times, both (T, 2)."""
         values, slopes = self._pieces
-        # Sums of steps round: an instant just before a point is that point.
+        # Sums of steps have rounding errors: a time just before a point counts as that point.
         piece = np.searchsorted(self.times, np.asarray(time) + 1e-12, side="right")
         start = np.maximum(piece - 1, 0)
         since = np.asarray(time) - self.times[start]

@@ -1,6 +1,6 @@
-"""Many independent fingertips at once: one chain, an object, grip and load for each.
+"""Many independent fingertips at once: one chain, with an object, a grip and a load for each.
 
-The compiled loop holds no lock of the interpreter, so that threads share the batch.
+The compiled loop releases the interpreter lock, so that threads can share the batch.
 """
 
 from collections.abc import Sequence
@@ -25,24 +25,25 @@ from .state import State, state_of
 
 Array = NDArray[np.float64]
 
-#: Neither rigid part nor object is held. Written down in a kernel it would have `advance` compiled
-#: once more.
+#: Neither rigid part nor object has a given position. As a literal in a kernel it would compile
+#: `advance` again.
 _FREE = (False, False)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ensemble:
-    """States of B fingertips, stacked; attributes as in `State`.
+    """Stacked states of B fingertips with N nodes; attributes as in `State`.
 
     Attributes
     ----------
-    time: [s]
+    time: time of the states [s]
     nodes: displacements (x, z) [m], shape (B, N, 2)
     pose: displacement of the rigid part along z and of the object along x [m], shape (B, 2)
     friction: Dahl force of each node [N], shape (B, N)
     slip_rate: tangential speed of the object relative to each node [m/s], shape (B, N)
-    rate: mean rates of the nodes and, last, of the pose over the step before [m/s], (B, N + 1, 2)
-    step: that step [s]
+    rate: mean rates of the nodes and, last, of the pose over the previous step [m/s], shape
+        (B, N + 1, 2)
+    step: length of the previous step [s]
     """
 
     time: float
@@ -54,7 +55,7 @@ class Ensemble:
     step: float
 
     def __len__(self) -> int:
-        """Fingertips."""
+        """Number of fingertips."""
         return len(self.pose)
 
     def state(self, index: int) -> State:
@@ -71,12 +72,12 @@ class Ensemble:
 
 
 def rest_ensemble(fingertip: Fingertip, count: int) -> Ensemble:
-    """Undeformed fingertips whose apex just touches the object.
+    """Ensemble of undeformed fingertips whose apex just touches the object.
 
     Parameters
     ----------
-    fingertip: that all are
-    count: number of them
+    fingertip: the same fingertip for all
+    count: number of fingertips
     """
     n = fingertip.nodes
     return Ensemble(
@@ -99,23 +100,23 @@ def step_many(
     load: Array,
     threads: int = 1,
 ) -> Ensemble:
-    """Ensemble after some implicit steps of dt, each fingertip as `step` would do it.
+    """Make implicit steps with an ensemble; every fingertip moves as with `step`.
 
     Parameters
     ----------
-    fingertip: all of them
-    objects: one for each, flat or round, of one µ each
+    fingertip: the same fingertip for all
+    objects: one object per fingertip, flat or round, without patches
     ensemble: B states to start from; not changed
     dt: step [s]
     grip, load: force on rigid part and object at the end of each step [N], shape (B, steps) or (B,)
-    threads: that share the batch; more never change the result
+    threads: number of threads that share the batch; it does not change the result
 
     Raises
     ------
     UserError
         When the shapes do not fit, or an object has a profile or patches.
     ModelError
-        When one of them cannot go on, with its number.
+        When a fingertip has no solution; the message names its index.
     """
     goals = np.stack(
         [np.atleast_2d(np.transpose(grip)), np.atleast_2d(np.transpose(load))], axis=-1
@@ -193,7 +194,7 @@ def _advance_many(
     rate: Array, dt: float, before: float, held: tuple[bool, bool], goals: Array, rule: Rule,
     nothing: Record, begin: int, stop: int, done: int,
 ) -> tuple[int, int, int]:  # fmt: skip
-    """Advance fingertips begin…stop in place; the first one that cannot go on, where, and why."""
+    """Advance fingertips begin…stop in place; return the first failure: index, step and reason."""
     no_knots, no_pieces = np.empty(0), np.empty((1, 4))
     steps = goals.shape[1]
     for b in range(begin, stop):

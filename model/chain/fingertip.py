@@ -10,32 +10,33 @@ from ...errors import UserError
 from ..checks import finite, within
 
 Array = NDArray[np.float64]
-#: Force of a spring, see `Fingertip.law` (thesis Eqs. 3, 17 and 14).
+#: Name of a law of spring forces, see `Fingertip.law` (thesis Eqs. 3, 17 and 14).
 SpringLaw = Literal["split", "inverse-poisson", "axial"]
 
-#: Node count at which the thesis prints its per-node constants.
+#: Number of nodes for which the thesis gives its per-node constants.
 REFERENCE_NODES = 251
-#: A node is in contact above this normal force [N] at 251 nodes (thesis section 5.2).
+#: Normal force above which one of 251 nodes is in contact [N] (thesis section 5.2).
 CONTACT_THRESHOLD = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fingertip:
-    """Parameters of the soft fingertip; per-node values hold at 251 nodes, scaled to the spacing.
+    """Parameters of the soft fingertip. Per-node values hold at 251 nodes; others are scaled.
 
     Attributes
     ----------
     nodes: number of nodes; odd if evenly spaced, so that one sits at the apex
     radius: radius of the half circle [m]
-    tissue_stiffness: spring from the rigid part to a node, 25 kPa·π·r/2 (thesis Table 1) [N/m]
-    membrane_stiffness: spring between neighbours (thesis Table 1) [N/m]
+    tissue_stiffness: stiffness of the spring from the rigid part to a node, 25 kPa·π·r/2 (thesis
+        Table 1) [N/m]
+    membrane_stiffness: stiffness of the spring between neighbours (thesis Table 1) [N/m]
     poisson_tissue, poisson_membrane: Poisson factors ν of the two springs; unused by `axial`
-    damping_node, damping_rigid: dampers to ground (thesis Table 1) [N·s/m]
-    law: force of a spring: `split` is the Fingertip Model (thesis Eq. 3 with E6),
+    damping_node, damping_rigid: dampers from a node and the rigid part to ground (thesis Table 1)
+        [N·s/m]
+    law: law of spring forces: `split` is the Fingertip Model (thesis Eq. 3 with E6),
         `inverse-poisson` its variant (Eq. 17), `axial` the Sensor Model (Eq. 14)
-    stations: places of the nodes as shares of the arc length, from 0 to 1; None spaces them evenly
-    outline: dome as a polyline of (x, z) from the left rim to the right one [m]; None is the half
-        circle
+    stations: places of the nodes as shares of the arc length, from 0 to 1; None: evenly spaced
+    outline: dome as a polyline of (x, z) from the left to the right rim [m]; None: half circle
     """
 
     nodes: int = REFERENCE_NODES
@@ -70,9 +71,10 @@ class Fingertip:
 
     @classmethod
     def of_radius(cls, radius: float, *, nodes: int, law: SpringLaw) -> Self:
-        """Half circle of the thesis's materials and another radius (thesis Table 1).
+        """Make a half circle of another radius from the thesis's materials (thesis Table 1).
 
-        Tissue, 25 kPa·π·r/2, is stiffer at a larger radius, the membrane, E·w·t over pitch, softer.
+        At a larger radius the tissue, 25 kPa·π·r/2, is stiffer, and the membrane, E·w·t over pitch,
+        softer.
         """
         share = radius / cls.radius
         return cls(
@@ -87,19 +89,19 @@ class Fingertip:
     def graded(
         cls, nodes: int = 99, core: float = 7.4e-3, *, radius: float = 8e-3, **parameters: float
     ) -> Self:
-        """Half circle with the spacing of 251 nodes where contact can be, coarser towards the rim.
+        """Make a half circle with the spacing of 251 nodes near the apex, coarser towards the rim.
 
         Parameters
         ----------
         nodes: number of nodes, odd
-        core: arc length around the apex that keeps the fine spacing [m]
+        core: arc length around the apex with the fine spacing [m]
         radius: radius of the half circle [m]
         parameters: other attributes of a Fingertip
 
         Raises
         ------
         ValueError
-            When the core alone needs more nodes than there are.
+            When the core alone needs more nodes than given.
         """
         stations = _graded_stations(nodes, core, np.pi * radius)
         return cls(nodes=nodes, radius=radius, stations=stations, **parameters)  # type: ignore[arg-type]
@@ -122,7 +124,7 @@ class Fingertip:
         return length * np.array(self.stations)
 
     def shares(self) -> Array:
-        """Arc length that each node stands for, over that at 251 even nodes, shape (N,)."""
+        """Arc length represented by each node, over that at 251 even nodes, shape (N,)."""
         s = self.arc_lengths()
         return np.gradient(s, edge_order=1) * (REFERENCE_NODES - 1) / s[-1]
 
@@ -151,7 +153,7 @@ class Fingertip:
         return np.column_stack([np.interp(s, corners, points[:, k]) for k in (0, 1)])
 
     def poisson_signs(self) -> Array:
-        """Hard-coded sign of the Poisson cross term: −1 left, 0 centre, +1 right (E6), (N,)."""
+        """Sign of the Poisson cross term (E6): −1 left, 0 centre, +1 right, shape (N,)."""
         x = self.rest_positions()[:, 0]
         return np.where(abs(x) < 1e-9 * abs(x).max(), 0.0, np.sign(x))
 
@@ -177,6 +179,7 @@ def _check_outline(outline: tuple[tuple[float, float], ...]) -> None:
 
 
 def _graded_stations(nodes: int, core: float, length: float) -> tuple[float, ...]:
+    """Stations of `Fingertip.graded`, as shares of the arc length [m]."""
     fine = length / (REFERENCE_NODES - 1)
     inner = round(core / 2 / fine)
     outer = (nodes - 1) // 2 - inner

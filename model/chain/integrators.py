@@ -1,4 +1,4 @@
-"""Integrators of the plant by name: `simulate` runs any of them."""
+"""Integrators of fingertip and object by name; `simulate` runs any of them."""
 
 from dataclasses import replace
 from typing import Protocol
@@ -21,7 +21,7 @@ Method = str
 
 
 class Integrator(Protocol):
-    """Steps a chain and its object in time; made by `Class()`."""
+    """Steps a chain and its object in time; constructed by `Class()`."""
 
     def march(
         self,
@@ -33,12 +33,12 @@ class Integrator(Protocol):
         steps: int,
         every: int,
     ) -> History:
-        """Run of some steps, recorded at its start and after every `every`th step.
+        """Run a number of steps; record the start and every `every`th step.
 
         Parameters
         ----------
-        ch, ct: numbers of fingertip and object; see `assembly`
-        state: at the start
+        ch, ct: parameters of fingertip and object; see `assembly`
+        state: state at the start
         drive: grip and load over time
         dt: step [s]; the longest one for an adaptive method
         steps, every: number of steps, and of steps between records
@@ -46,9 +46,9 @@ class Integrator(Protocol):
         Raises
         ------
         ModelError
-            When the run cannot go on.
+            When a step has no solution.
         UserError
-            For a half chain, when the integrator cannot run one.
+            For a half chain, if the integrator does not support it.
         """
         ...
 
@@ -95,20 +95,19 @@ def simulate(
     fingertip: chain
     obj: object
     drive: grip and load over time
-    dt: step; the longest one for the adaptive methods [s]
+    dt: step [s]; the longest one for the adaptive methods
     duration: length of the run, a whole number of steps [s]
     method: name in INTEGRATORS, `module:Class`, a class or other factory, or an Integrator (default
         `implicit`)
     state: state at the start (default: the undeformed fingertip at time 0)
     every: number of steps between records (default 1)
-    half: whether only the right half is computed and mirrored: exact without motion sideways
-    friction: whether friction is computed; False suits presses without tangential forces of
-        interest
+    half: whether only the right half is computed and mirrored; exact without lateral motion
+    friction: whether friction is computed; False sets µ to 0
 
     Raises
     ------
     UserError
-        For a step or a method that cannot be used, and for a half chain that is loaded sideways.
+        For a step or a method that cannot be used, and for a half chain with lateral load.
     ModelError
         When the run fails; DivergedError if an explicit method diverged.
     """
@@ -139,8 +138,8 @@ def explicit_limit(
 ) -> float:
     """Largest step at which linear theory keeps an explicit method stable, 2c/λmax for Euler [s].
 
-    λmax/c is the largest eigenvalue of C⁻¹·J at that state, J being the stiffness of springs,
-    contact and unslipped friction.
+    λmax/c is the largest eigenvalue of C⁻¹·J at the state; C is the damping and J the stiffness of
+    springs, contact and sticking friction.
     """
     return stable_step(chain(fingertip), contact(fingertip, obj), state, method)
 
@@ -156,7 +155,7 @@ def _march_half(
     every: int,
     integrator: Integrator,
 ) -> History:
-    """Run the right half on a mirror plane and put the left one beside it."""
+    """Run the right half on a mirror plane, and mirror the result to the left."""
     if drive.lateral.any() or start.deformation.object_position != 0.0:
         raise UserError("a half chain needs a drive and a state without lateral load or motion")
     if obj.profile is not None and not _mirrors(obj.profile):
@@ -183,12 +182,13 @@ def _march_half(
 
 
 def _mirrors(profile: tuple[tuple[float, float], ...]) -> bool:
+    """Whether a profile is symmetric about x = 0."""
     points = np.array(profile)
     return bool(np.allclose(points, points[::-1] * [-1.0, 1.0], atol=1e-12))
 
 
 def _mirrored(run: History) -> History:
-    """Whole chain of a half one: x, friction and slip change their sign on the left."""
+    """Mirror the run of a half chain: x, friction and slip change their sign on the left."""
     flip = np.array([-1.0, 1.0])
     rate = run.rate
     return replace(

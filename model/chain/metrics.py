@@ -1,4 +1,4 @@
-"""Measures of a grasp, from the true state: lateral displacement, rigid slip, pressure."""
+"""Measures of a grasp from its true state: lateral displacement, rigid slip, pressure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,16 +16,16 @@ GROSS_SLIP = 0.2e-3
 
 @dataclass(frozen=True, kw_only=True)
 class SlipRecord:
-    """Slip of an object over the fingertip up to now.
+    """Slip of an object over the fingertip so far.
 
     Attributes
     ----------
-    origin: object − node along x when each node's contact began, less `slid` of then [m], NaN out
-        of contact, (N,)
-    current: min over nodes in contact of |object − node|, each since its contact began [m]
+    origin: reference of each node: object minus node along x when its contact began, minus `slid`
+        at that time [m]; NaN out of contact, shape (N,)
+    current: minimum over the nodes in contact of their slip |object − node − origin| [m]
     lateral_displacement: maximum of `current` so far [m]
-    rigid_slip: ∫ min over contact nodes of |relative tangential speed| dt [m]
-    slid: the same with its sign, since there is a contact [m]
+    rigid_slip: ∫ min over the nodes in contact of |relative tangential speed| dt [m]
+    slid: the same integral with sign, since the contact began [m]
     """
 
     origin: NDArray[np.float64]
@@ -36,11 +36,11 @@ class SlipRecord:
 
 
 def no_slip(nodes: int) -> SlipRecord:
-    """Record of a grasp that has not begun.
+    """Slip record at the start of a grasp.
 
     Parameters
     ----------
-    nodes: number of the chain's nodes
+    nodes: number of nodes of the chain
     """
     return SlipRecord(origin=np.full(nodes, np.nan))
 
@@ -52,19 +52,19 @@ def follow_slip(
     dt: float,
     kept: Sequence[int] | None = None,
 ) -> list[SlipRecord]:
-    """Records of slip after some steps of a run.
+    """Update a slip record over the steps of a run; return the records after them.
 
-    A round object that slides takes its contact along: nodes at the back leave, others join at the
-    front. New nodes start from the slip of the contact so far; counted from zero, they would hide
-    slip of any length.
+    The contact of a round object moves with it as it slides: nodes leave at the back, others join
+    at the front. New nodes start with the slip of the contact so far; if they started at zero, they
+    would hide slip of any length.
 
     Parameters
     ----------
-    record: before the run
-    run: of the chain, R instants
+    record: record before the run
+    run: run of the chain with R recorded instants
     touching: whether each node touches the object at each instant, shape (R, N)
-    dt: from instant to instant [s]
-    kept: numbers of the instants that records are wanted of, from 1; None is each
+    dt: time between instants [s]
+    kept: indices, from 1, of the instants to return records for; None: all
     """
     origin, now = np.empty((len(run), len(record.origin))), np.empty((len(run), 4))
     origin[0] = record.origin
@@ -86,12 +86,12 @@ def follow_slip(
 
 
 def pressure(field: ForceField, pitch: float = 0.0) -> float:
-    """ΣFn over the deformed distance of the outermost nodes in contact [N/m] (thesis Eq. 11, E3).
+    """ΣFn over the width between the outermost nodes in contact [N/m] (thesis Eq. 11, E3).
 
     Parameters
     ----------
     field: contact forces
-    pitch: node pitch to add to the width [m]; with it, one node in contact has a width too
+    pitch: node pitch to add to the width [m]; then a single node in contact has a width too
 
     Returns
     -------

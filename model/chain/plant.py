@@ -1,7 +1,7 @@
 """Fingertip and object in contact, stepped in time by the implicit integrators (thesis Eq. 2).
 
-The object carries the load and a drag to ground, is massless and free along x; the rigid part is
-driven along z by the grip force and held in x (E9).
+The massless object moves along x under the load, contact forces and a drag to ground. The grip
+force drives the rigid part along z; it is fixed in x (E9).
 """
 
 import threading
@@ -34,11 +34,11 @@ NO_RECORD = record(0, 0)
 def step(
     fingertip: Fingertip, obj: ContactObject, state: State, dt: float, grip: float, load: float
 ) -> State:
-    """State after one implicit step under constant grip force and load.
+    """Make one implicit step under constant grip force and load.
 
     Parameters
     ----------
-    fingertip, obj: the plant
+    fingertip, obj: fingertip and object
     state: state at the start of the step
     dt: step [s]; second-order accurate where the contact does not change
     grip: force on the rigid part along z [N]
@@ -47,11 +47,11 @@ def step(
     Raises
     ------
     ConvergenceError
-        When the nonlinear equations were not solved even after halving the step again and again.
+        When the nonlinear equations were not solved even after repeated halving of the step.
     LostContactError
         When there is a load but nothing touches the object.
     PiercedError
-        When the fingertip goes through a round object.
+        When the fingertip passes through a round object.
     """
     return steps(fingertip, obj, state, dt, np.array([[grip, load]])).state(-1)
 
@@ -59,12 +59,12 @@ def step(
 def steps(
     fingertip: Fingertip, obj: ContactObject, state: State, dt: float, forces: Array
 ) -> "History":
-    """States at the start and after each implicit step, with constant forces in each step.
+    """Make S implicit steps with constant forces in each; record the start and every step.
 
     Parameters
     ----------
     fingertip, obj, state, dt: see `step`
-    forces: grip and load of each step [N], shape (S, 2)
+    forces: grip and load in each step [N], shape (S, 2)
 
     Raises
     ------
@@ -85,7 +85,7 @@ _local = threading.local()
 
 
 def _memory(nodes: int) -> Scratch:
-    """Scratch of this thread, kept from call to call."""
+    """Work arrays of this thread, which are reused between calls."""
     kept: dict[int, Scratch] = _local.__dict__.setdefault("kept", {})
     if nodes not in kept:
         kept[nodes] = scratch(nodes)
@@ -93,7 +93,7 @@ def _memory(nodes: int) -> Scratch:
 
 
 def _copied(state: State) -> tuple[Array, Array, Array, Array, Array]:
-    """Displacements, friction, slip rate, pose and rates, to be stepped in place."""
+    """Copies of displacements, friction, slip rate, pose and rates, to be stepped in place."""
     d = state.deformation
     pose = np.array([d.rigid_part, d.object_position])
     return d.nodes.copy(), state.friction.copy(), state.slip_rate.copy(), pose, state.rate.copy()
@@ -101,17 +101,18 @@ def _copied(state: State) -> tuple[Array, Array, Array, Array, Array]:
 
 @dataclass(frozen=True, kw_only=True)
 class History:
-    """Recorded instants of a run.
+    """R recorded instants of a run of a chain with N nodes.
 
     Attributes
     ----------
-    time: of each instant, the first being that of the state it began with [s], shape (R,)
+    time: time of each instant, the first at the start of the run [s], shape (R,)
     nodes: displacements (x, z) [m], shape (R, N, 2)
     pose: displacement of the rigid part along z and of the object along x [m], shape (R, 2)
     friction: Dahl force of each node [N], shape (R, N)
     slip_rate: tangential speed of the object relative to each node [m/s], shape (R, N)
-    rate: mean rates of `nodes` and, last, of `pose` over the step before [m/s], shape (R, N + 1, 2)
-    step: that step [s]; 0 at the first instant of a run from rest, shape (R,)
+    rate: mean rates of `nodes` and, last, of `pose` over the step before each instant [m/s], shape
+        (R, N + 1, 2)
+    step: length of that step [s]; 0 at the first instant of a run from rest, shape (R,)
     """
 
     time: Array
@@ -123,11 +124,11 @@ class History:
     step: Array
 
     def __len__(self) -> int:
-        """Recorded instants."""
+        """Number of recorded instants."""
         return len(self.time)
 
     def state(self, index: int) -> State:
-        """State at a recorded instant, from which a run can go on."""
+        """State at a recorded instant, from which a run can continue."""
         return state_of(
             self.time[index],
             self.nodes[index],
@@ -149,14 +150,14 @@ def march(
     every: int,
     rule: Rule,
 ) -> History:
-    """Run an implicit rule; the start and every `every`th step are recorded."""
+    """Step by an implicit rule; record the start and every `every`th step."""
     goals = drive.at(state.time + dt * np.arange(1.0, steps + 1.0))
     return _march(ch, ct, state, goals, drive.held, lambda _: drive, dt, every, rule)
 
 
 @dataclass(frozen=True)
 class Implicit:
-    """Implicit integrator of a rule."""
+    """Integrator that steps by an implicit rule."""
 
     rule: Rule = IMPLICIT
 
@@ -170,12 +171,12 @@ class Implicit:
         steps: int,
         every: int,
     ) -> History:
-        """Run of some steps; see `Integrator`."""
+        """Run a number of steps; see `Integrator`."""
         return march(ch, ct, state, drive, dt, steps, every, self.rule)
 
 
 def lagged() -> Implicit:
-    """Semi-implicit integrator of first order."""
+    """Make the semi-implicit integrator of first order."""
     return Implicit(LAGGED)
 
 
@@ -190,7 +191,7 @@ def _march(
     every: int,
     rule: Rule,
 ) -> History:
-    """Run a rule under goals at the end of each step; `drive_of` gives those within a step."""
+    """Step by a rule to grip and load `goals` (S, 2); `drive_of` gives the drive within a step."""
     y = _copied(state)
     u, friction, slip, pose, rate = y
     n, steps = len(ch.share), len(goals)
@@ -233,10 +234,10 @@ def _in_parts(
     last: float,
     rule: Rule,
 ) -> None:
-    """Do a step that could not be solved in two, each halved again where it must be, in place.
+    """Divide a step without solution in two, and these again as needed; all in place.
 
-    Where a spring snaps through, no state near the last one is in balance; only in steps so short
-    that the dampers hold can it be followed.
+    Where a spring snaps through, no state near the last one is in balance. Only steps so short that
+    the dampers act can follow it.
     """
     u_before, pose_before = y[0].copy(), y[3].copy()
     waiting = [(start + dt / 2, dt / 2), (start, dt / 2)]
@@ -262,7 +263,7 @@ def _in_parts(
 
 
 def _broken(ended: int, time: float, goal: Array, dt: float) -> ModelError:
-    """Error of a step that could not be solved."""
+    """Make the error for a step without solution."""
     if ended == PIERCED:
         return PiercedError(
             f"the fingertip went through the object at t = {time:.6g} s under {goal[0]:.4g}: it is "
@@ -280,7 +281,7 @@ def _broken(ended: int, time: float, goal: Array, dt: float) -> ModelError:
 
 
 def history(states: list[State]) -> History:
-    """States in one record."""
+    """Stack states into one History."""
     poses = [(s.deformation.rigid_part, s.deformation.object_position) for s in states]
     return History(
         time=np.array([s.time for s in states]),

@@ -1,4 +1,4 @@
-"""State of the node model: the deformation, and all else that a step starts from."""
+"""State of the node model: the deformation, and everything else that a step starts from."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,17 +38,17 @@ class Deformation:
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """State of the plant at one instant.
+    """State of fingertip and object at one instant.
 
     Attributes
     ----------
-    time: [s]
-    deformation: where everything is
-    friction: Dahl force of each node, on the node, along the object's tangent [N], shape (N,)
+    time: time of the state [s]
+    deformation: displacements of nodes, rigid part and object
+    friction: Dahl force on each node, along the object's tangent [N], shape (N,)
     slip_rate: tangential speed of the object relative to each node near contact [m/s], shape (N,)
-    rate: mean rates of the nodes (x, z) and, last, of (rigid part, object) over the step before
+    rate: mean rates of the nodes (x, z) and, last, of (rigid part, object) over the previous step
         [m/s], shape (N + 1, 2)
-    step: that step [s]; 0 if there was none
+    step: length of the previous step [s]; 0 if there was none
     """
 
     time: float
@@ -60,7 +60,7 @@ class State:
 
     @property
     def carried(self) -> Array:
-        """What carries the markers: displacements of the nodes from the rigid part [m], (N, 2)."""
+        """Input of the membrane map: displacements of the nodes from the rigid part [m], (N, 2)."""
         return self.deformation.seen
 
 
@@ -73,7 +73,7 @@ def state_of(
     rate: Array,
     step: float,
 ) -> State:
-    """State from arrays as the kernels have them, copied; pose is (rigid part, object)."""
+    """Make a state from copies of the kernels' arrays; `pose` is (rigid part, object) [m]."""
     return State(
         time=float(time),
         deformation=Deformation(
@@ -87,7 +87,7 @@ def state_of(
 
 
 def rest_state(fingertip: Fingertip) -> State:
-    """Undeformed fingertip whose apex just touches the object."""
+    """State of an undeformed fingertip whose apex just touches the object."""
     n = fingertip.nodes
     deformation = Deformation(nodes=np.zeros((n, 2)), rigid_part=0.0, object_position=0.0)
     return State(
@@ -101,7 +101,7 @@ def rest_state(fingertip: Fingertip) -> State:
 
 
 def save_state(state: State, path: str | Path) -> None:
-    """Write a state to an .npz file, from which a run goes on as if it had not stopped."""
+    """Write a state to an .npz file, from which a run continues exactly."""
     arrays: dict[str, Any] = {
         "format": np.array("chromagrip state 1"),
         "time": np.array(state.time),
@@ -117,12 +117,12 @@ def save_state(state: State, path: str | Path) -> None:
 
 
 def load_state(path: str | Path) -> State:
-    """State from a file of `save_state`.
+    """Read a state from a file of `save_state`.
 
     Raises
     ------
     UserError
-        When the file is not one.
+        When the file is not such a file.
     """
     try:
         values = read_arrays(Path(path), array_names(Path(path)))

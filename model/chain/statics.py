@@ -1,7 +1,7 @@
-"""Equilibrium without dynamics: steps so long that dampers and drag hold nothing.
+"""Static equilibrium, by steps so long that dampers and drag carry almost no force.
 
-Friction remembers how the contact grew, so that a static solution belongs to a path: the grip is
-raised first, then the load, each in equal parts (thesis Fig. 10: press, then pull).
+Friction depends on how the contact grew, so that a static solution belongs to a loading path: the
+grip is raised first, then the load, each in equal parts (thesis Fig. 10: press, then pull).
 """
 
 from dataclasses import replace
@@ -26,11 +26,10 @@ QUASI_STATIC = IMPLICIT._replace(second_order=False)
 def largest_grip(fingertip: Fingertip, obj: ContactObject) -> float:
     """Grip force at which a flat object would press the whole dome flat [N].
 
-    The object is then indented to the middle of the half circle: tissue springs have no length left
-    and the model no meaning. A node at height zᵢ has travelled zᵢ, against its tissue spring kᵢ and
-    the object's spring k_c in series: F = Σ zᵢ·kᵢ·k_c/(kᵢ + k_c). The tissue gives way sideways
-    too, so that the model leaves its range below this force rather than above; around a sharp
-    object it does so at a fraction of it (`PiercedError`).
+    Tissue springs then have no remaining length, and the model no meaning. A node at height zᵢ has
+    travelled zᵢ, against its tissue spring kᵢ and the object's spring k_c in series:
+    F = Σ zᵢ·kᵢ·k_c/(kᵢ + k_c). As tissue also moves sideways, the model rather fails below this
+    force than above. With a sharp object it fails at a fraction of it (`PiercedError`).
     """
     ch = chain(fingertip)
     object_springs = obj.stiffness * ch.share
@@ -44,7 +43,7 @@ def refuse_flattening(fingertip: Fingertip, obj: ContactObject, grip: float) -> 
     Raises
     ------
     PiercedError
-        When it is above the `largest_grip`.
+        When it is above `largest_grip`.
     """
     limit = largest_grip(fingertip, obj)
     if grip > limit:
@@ -62,14 +61,14 @@ def equilibrium(
     state: State | None = None,
     parts: int = 40,
 ) -> State:
-    """Solve for the state in balance after raising the grip and then the load.
+    """Solve for the static state after raising the grip and then the load.
 
     Parameters
     ----------
     fingertip, obj: chain and object
     grip: force on the rigid part along z, above 0 [N]
     load: force on the object along x (default 0) [N]
-    state: state at the start, loaded in one part (default: rest, loaded in `parts`)
+    state: state to start from, loaded in one part (default: rest, loaded in `parts`)
     parts: number of equal parts in which grip and load are each raised from 0 (default 40)
 
     Raises

@@ -1,6 +1,6 @@
-"""The chain's elasticity as seen from the rigid part: nodal forces F(u) = K(u)·u and their tangent.
+"""Elasticity of the chain relative to the rigid part: nodal forces F(u) = K(u)·u and their tangent.
 
-The outer nodes are held to the rigid part, so that in the sensor frame only inner nodes move.
+The outer nodes are fixed to the rigid part, so that only inner nodes move in the sensor frame.
 """
 
 from dataclasses import replace
@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 
 def _tangent(fingertip: Fingertip, seen: Array, blunt: float) -> tuple[Array, Array, Array, Array]:
+    """Nodal forces, and lower, diagonal and upper blocks of their derivative by inner nodes."""
     n = fingertip.nodes
     forces = np.empty((n, 2))
     lower, diagonal, upper = (np.zeros((n - 2, 2, 2)) for _ in range(3))
@@ -27,7 +28,7 @@ def _tangent(fingertip: Fingertip, seen: Array, blunt: float) -> tuple[Array, Ar
 
 
 def chain_forces(fingertip: Fingertip, seen: Array) -> Array:
-    """Forces that hold the chain at displacements `seen`, K(u)·u (thesis Eq. 3 with E6) [N].
+    """Nodal forces that hold the chain at displacements `seen`, K(u)·u (thesis Eq. 3, E6) [N].
 
     Parameters
     ----------
@@ -36,30 +37,30 @@ def chain_forces(fingertip: Fingertip, seen: Array) -> Array:
 
     Returns
     -------
-    Force on each node, the reactions of the rigid part on the outer ones included, shape (N, 2).
+    Force on each node, including reactions of the rigid part on the outer ones, shape (N, 2).
     """
     return _tangent(fingertip, seen, 0.0)[0]
 
 
 def chain_compliance(fingertip: Fingertip, seen: Array, forces: Array, blunt: float = 0.0) -> Array:
-    """Displacements that small nodal forces add at displacements `seen`.
+    """Displacements that small additional nodal forces cause at displacements `seen`.
 
-    The turning of the springs is part of the tangent: iterating K(u)·u = f with the springs frozen
-    does not converge on stiff or sharp contacts.
+    The tangent includes the rotation of springs: iterating K(u)·u = f with fixed directions does
+    not converge on stiff or sharp contacts.
 
     Parameters
     ----------
     fingertip: the chain
     seen: node displacements (x, z) relative to the rigid part [m], shape (N, 2)
-    forces: added nodal forces, several load cases at once [N], shape (N, 2, cases); those on the
-        two outer nodes act on the rigid part and move nothing
-    blunt: slope below which the jump of the derivative, where a spring turns through an axis, is
-        smoothed; on a flat contact most of the membrane lies at that jump, and Newton steps with
-        the exact derivative hop over it for ever
+    forces: additional nodal forces of one or more load cases [N], shape (N, 2, cases); forces on
+        the two outer nodes act on the rigid part and move nothing
+    blunt: slope of a spring below which the jump of the derivative at an axis is smoothed. On a
+        flat contact most membrane springs lie at that jump, and Newton steps with the exact
+        derivative alternate between its sides
 
     Returns
     -------
-    Added displacements relative to the rigid part [m], shape (N, 2, cases).
+    Additional displacements relative to the rigid part [m], shape (N, 2, cases).
     """
     _, lower, diagonal, upper = _tangent(fingertip, seen, blunt)
     inner = forces[1:-1].copy()  # solved in place
@@ -80,15 +81,15 @@ def spring_force(
 
     Parameters
     ----------
-    law: see Fingertip
-    rest: vector (x, z) from one end to the other, unloaded [m]
-    moved: displacement of the other end relative to the first [m]
-    stiffness: [N/m]
-    poisson: Poisson factor, with the sign of its half
+    law: law of the force, see `Fingertip`
+    rest: vector (x, z) from the first end to the second, unloaded [m]
+    moved: displacement of the second end relative to the first [m]
+    stiffness: stiffness of the spring [N/m]
+    poisson: Poisson factor, with the sign of its half of the chain
 
     Returns
     -------
-    Force (x, z) that holds the other end there [N].
+    Force (x, z) that holds the second end there [N].
     """
     number = get_args(SpringLaw).index(law)
     x, z = rest[0] + moved[0], rest[1] + moved[1]
@@ -98,7 +99,7 @@ def spring_force(
 def spring_forces(fingertip: Fingertip, seen: Array) -> tuple[Array, Array]:
     """Forces that hold each node against its tissue spring, and against its membrane springs [N].
 
-    Their sum is `chain_forces`; both are of shape (N, 2).
+    Their sum is `chain_forces`; both have the shape (N, 2).
 
     Parameters
     ----------
@@ -110,5 +111,5 @@ def spring_forces(fingertip: Fingertip, seen: Array) -> tuple[Array, Array]:
     return tissue, chain_forces(fingertip, seen) - tissue
 
 
-#: Stiffness that a spring may not fall below, in place of none [N/m].
+#: Stiffness in place of 0, which `Fingertip` refuses [N/m].
 TINY = 1e-12

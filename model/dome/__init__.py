@@ -1,9 +1,9 @@
 """The fingertip as silicone in three dimensions: a dome, or a flat pad.
 
 The skin is linear silicone on a rigid core, and stiffens as it is pressed towards the core. Its
-compliance is solved once: a dome's by finite elements for each harmonic about the axis, a pad's in
-closed form for each wave along it. `simulate_contact` moves an object over it: any signed
-distance, with Dahl friction, sliding and torsion.
+compliance is solved once: for a dome by finite elements for each harmonic about the axis, for a pad
+in closed form for each wave along it. `simulate_contact` moves an object over the skin: a shape
+with a signed distance, with Dahl friction, sliding and torsion.
 """
 
 from .compliance import compliance_table, make_table

@@ -1,4 +1,4 @@
-"""Compliance of the skin: a table over pairs of rings, made once for each shape and ν."""
+"""Compliance of the skin: a table over pairs of node rings, made once for each shape and ν."""
 
 import math
 from collections.abc import Callable
@@ -29,24 +29,25 @@ _STEPS = 5.3
 
 
 def nothing(done: int, total: int) -> None:
-    """Progress that nobody asked for."""
+    """Ignore progress."""
 
 
 @lru_cache(maxsize=4)
 def compliance_table(body: SoftBody, progress: Callable[[int, int], None] = nothing) -> Table:
-    """Displacements of the skin for forces on it, over pairs of rings and the angle between nodes.
+    """Displacements of the skin for unit forces, over pairs of rings and the angle between nodes.
 
     The first call for a shape and ν of a dome solves its elasticity, which takes some seconds; the
-    table is then kept in the user's cache folder. That of a pad takes a second and is not kept.
+    table is then stored in the user's cache folder. A pad's table takes a second and is not stored.
 
     Parameters
     ----------
-    progress: called with the harmonics that are done and all of them
+    body: dome or pad
+    progress: function called with the numbers of finished and of all harmonics
 
     Returns
     -------
-    float32, shape (P, K, 9): pairs of rings, angles from 0 to π with one step before and two after,
-    and components (r, φ, z) × (r, φ, z); in units of 1/(E·R), see `compliance_scale`.
+    float32, shape (P, K, 9): P pairs of rings; K angles, from 0 to π with one step before and two
+    after; and components (r, φ, z) of displacement × force, in units of `compliance_scale`.
     """
     table = _TABLES[type(body)](body, progress)
     table.setflags(write=False)
@@ -54,7 +55,7 @@ def compliance_table(body: SoftBody, progress: Callable[[int, int], None] = noth
 
 
 def _kept_table(dome: Dome, progress: Callable[[int, int], None]) -> Table:
-    """Table of a dome, which is kept in the user's cache folder."""
+    """Table of a dome, from the user's cache folder if it is there."""
     version = "dome compliance 2"
     key = content_key(version, np.array(_shape(dome)), np.array(lattice(dome).angles))
     kind = "domes"  # folder of the user's cache; its tables are made anew when the version changes
@@ -71,7 +72,7 @@ def _shape(dome: Dome) -> tuple[float, float, float]:
 
 
 def compliance_scale(body: SoftBody) -> float:
-    """Metres per newton of a unit of the table."""
+    """Unit of the table, 1/(E·R) [m/N]."""
     return 1.0 / (body.young * body.radius)
 
 
@@ -83,7 +84,7 @@ def skin_compliance(body: SoftBody) -> SkinCompliance:
 
 
 def _pad_table(pad: Pad, progress: Callable[[int, int], None]) -> Table:
-    """Table of a pad: what a force does depends on the way from it alone."""
+    """Table of a pad, where displacement depends only on the vector from the force."""
     rings = lattice(pad).angles / pad.radius
     width = WIDTH * pad.spacing / pad.radius
     # Spread as a bump where it acts, and weighed with that bump where it moves the skin.
@@ -102,7 +103,7 @@ def _pad_table(pad: Pad, progress: Callable[[int, int], None]) -> Table:
 
 
 def make_table(dome: Dome, progress: Callable[[int, int], None] = nothing) -> Table:
-    """As `compliance_table` of a dome, made anew."""
+    """Compute the table of a dome, see `compliance_table`, without the cache."""
     core, poisson, width = _shape(dome)
     rings = lattice(dome).angles
     harmonics = int(np.ceil(_HARMONICS * np.sin(rings[-1]) / width))

@@ -1,4 +1,4 @@
-"""The fingertip as silicone on a rigid core: a dome or a flat pad, its material and its nodes."""
+"""Silicone body of a fingertip, a dome or a flat pad: shape, material and nodes of the skin."""
 
 import math
 from dataclasses import dataclass, replace
@@ -88,11 +88,11 @@ class Dome:
 
     @property
     def end(self) -> float:
-        """Place from which on the skin does not move: the equator [rad]."""
+        """Angle from the apex at which the skin is fixed: the equator [rad]."""
         return math.pi / 2
 
     def places(self, pitch: float) -> Array:
-        """Places of points of the skin a pitch [m] apart: angle and azimuth [rad], (N, 2)."""
+        """Points of the skin one pitch [m] apart: angle from the apex and azimuth [rad], (N, 2)."""
         return replace(self, pitch=pitch).lattice().places
 
     def onto(self, points: Array) -> Array:
@@ -184,14 +184,14 @@ class Pad:
 
     @property
     def end(self) -> float:
-        """Place from which on the skin does not move: a circle outside the corners [m]."""
+        """Radius from which on the skin is assumed fixed: a circle outside the corners [m]."""
         # Radius of the circle around a pad outside of which the skin does not move, over half its
         # side.
         far = 2.0
         return far * self.radius
 
     def places(self, pitch: float) -> Array:
-        """Places of points a pitch apart: distance from the middle [m], azimuth [rad], (N, 2).
+        """Points one pitch [m] apart: distance from the middle [m] and azimuth [rad], (N, 2).
 
         They extend to the corners, where the skin has no nodes.
         """
@@ -228,17 +228,17 @@ SoftBody = Dome | Pad
 
 @dataclass(frozen=True, kw_only=True)
 class Lattice:
-    """Nodes of the skin on rings about the axis; a third of a turn maps it on itself.
+    """N nodes of the skin on K rings about the axis, with threefold rotational symmetry.
 
     Attributes
     ----------
-    angles: place of each ring, shape (K,): its angle from the apex of a dome [rad], its distance
-        from the middle of a pad [m]
-    ring: number of each node's ring, shape (N,)
+    angles: coordinate of each ring, shape (K,): its angle from the apex of a dome [rad], or its
+        distance from the middle of a pad [m]
+    ring: index of each node's ring, shape (N,)
     azimuth: azimuth of each node [rad], shape (N,)
-    points: places of the nodes from the centre of the sphere or the middle of the pad's skin [m],
-        shape (N, 3)
-    outwards: unit vectors out of the silicone, shape (N, 3)
+    points: positions of the nodes relative to the centre of the sphere or the middle of the pad's
+        skin [m], shape (N, 3)
+    outwards: outward unit normals of the skin, shape (N, 3)
     areas: area of the skin that belongs to each node [m²], shape (N,)
     """
 
@@ -251,13 +251,13 @@ class Lattice:
 
     @property
     def places(self) -> Array:
-        """Places of the nodes on the skin: place of the ring, and azimuth [rad], (N, 2)."""
+        """Coordinates of the nodes on the skin: that of the ring, and azimuth [rad], (N, 2)."""
         return np.column_stack([self.angles[self.ring], self.azimuth])
 
 
 @lru_cache(maxsize=8)
 def lattice(body: SoftBody) -> Lattice:
-    """Nodes of a body, about one pitch from each other."""
+    """Nodes of a body, about one pitch apart; cached and read-only."""
     values = body.lattice()
     for array in vars(values).values():
         array.setflags(write=False)
@@ -265,12 +265,12 @@ def lattice(body: SoftBody) -> Lattice:
 
 
 def _middles(reach: float, step: float) -> Array:
-    """Places of rings a step apart, the first half a step from the middle."""
+    """Coordinates of rings one step apart, the first half a step from the middle."""
     return np.asarray((np.arange(int(reach / step)) + 0.5) * step, np.float64)
 
 
 def _around(lengths: Array, step: float) -> tuple[NDArray[np.int64], Array]:
-    """Ring and azimuth of nodes a step apart, on rings of these lengths over 2π."""
+    """Ring and azimuth of nodes about one step apart, on rings with circumferences 2π·lengths."""
     counts = 3 * np.maximum(1, np.rint(2.0 * np.pi * lengths / (3.0 * step))).astype(int)
     azimuth = np.concatenate(
         [(GOLDEN_ANGLE * k + 2.0 * np.pi * np.arange(n) / n) for k, n in enumerate(counts)]

@@ -1,8 +1,8 @@
 """Linear elasticity of a body of revolution, by harmonics about its axis and finite elements.
 
-With u_r = U cos mφ, u_φ = V sin mφ and u_z = W cos mφ each harmonic m is a problem of its own in
-the meridian plane, and its stiffness is A + m·B + m²·C. Lengths are in units of the radius and
-Young's modulus is 1: a table of compliances is one for each shape and Poisson's ratio.
+With u_r = U cos mφ, u_φ = V sin mφ and u_z = W cos mφ each harmonic m is a separate problem in the
+meridian plane, with stiffness A + m·B + m²·C. Lengths are in units of the radius and Young's
+modulus is 1, so that results depend only on shape and Poisson's ratio.
 """
 
 import math
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 def _quadratic(x: float) -> tuple[Array, Array]:
-    """Shape functions of a quadratic element at −1 ≤ x ≤ 1 and their slopes, both (3,)."""
+    """Shape functions of a quadratic element at −1 ≤ x ≤ 1 and their derivatives, both (3,)."""
     return (
         np.array([x * (x - 1.0) / 2.0, 1.0 - x * x, x * (x + 1.0) / 2.0]),
         np.array([x - 0.5, -2.0 * x, x + 0.5]),
@@ -25,17 +25,19 @@ def _quadratic(x: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True)
 class Meridian:
-    """Elements of the meridian plane, and the parts of the stiffness of every harmonic.
+    """Elements of the meridian plane, and stiffness matrices of every harmonic.
+
+    There are E elements along the skin, L node levels from core to skin, and n unknowns.
 
     Attributes
     ----------
     edges: angles of the element borders along the skin [rad], shape (E + 1,)
-    stations: angles of the nodes, shape (2E + 1,)
+    stations: angles of the nodes [rad], shape (2E + 1,)
     radii: radii of the nodes over that of the skin, shape (L,); the last is the skin
-    parts: A, B and C as lower bands, shape (3, W, n)
-    first: stiffness of harmonic 1 as a lower band, shape (W, n); on the axis its second
-        unknown of a node is U + V, which must vanish there
-    held: unknowns of nodes on the core and on the base, shape (n,)
+    parts: A, B and C as lower bands of width W, shape (3, W, n)
+    first: stiffness of harmonic 1 as a lower band, shape (W, n); on the axis the second unknown of
+        a node is U + V, which must vanish there
+    held: whether an unknown belongs to a fixed node on core or base, shape (n,)
     """
 
     edges: Array
@@ -53,13 +55,13 @@ class Meridian:
 
 
 def mesh(core: float, poisson: float, width: float, reach: float) -> Meridian:
-    """Elements of a half sphere of radius 1 over a core, fine enough for loads of a width.
+    """Make elements of a half sphere of radius 1 over a core, fine enough for the loads.
 
     Parameters
     ----------
     core: radius of the rigid core
     poisson: Poisson's ratio
-    width: of the loads, see `loads`
+    width: width of the loads, see `loads`
     reach: angle from the apex up to which there are loads [rad]
     """
     finest = 1.1  # finest element at the skin, in widths of a load
@@ -102,7 +104,7 @@ def mesh(core: float, poisson: float, width: float, reach: float) -> Meridian:
 
 
 def _graded(first: float, whole: float) -> Array:
-    """Borders from 0 to `whole` of elements that grow from about `first`."""
+    """Borders from 0 to `whole` of elements whose sizes grow from about `first`."""
     steps = [first]
     # Growth of the elements from the skin to the core, and along the skin beyond the loads.
     growth = 1.35
@@ -112,7 +114,7 @@ def _graded(first: float, whole: float) -> Array:
 
 
 def _with_middles(borders: Array) -> Array:
-    """Borders of elements with the middle of each between them."""
+    """Borders of elements, with their middles in between."""
     places = np.empty(2 * len(borders) - 1)
     places[::2] = borders
     places[1::2] = (borders[1:] + borders[:-1]) / 2
@@ -120,7 +122,7 @@ def _with_middles(borders: Array) -> Array:
 
 
 def _element_matrices(corners: Array, poisson: float) -> Array:
-    """A, B and C of each element with places (E, 9, 2) of its nodes, shape (3, E, 27, 27)."""
+    """Matrices A, B and C of E elements from their nodes (E, 9, 2), shape (3, E, 27, 27)."""
     lame = poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
     shear = 0.5 / (1.0 + poisson)
     law = np.diag([2.0 * shear] * 3 + [shear] * 3)
@@ -176,15 +178,16 @@ def _band(matrices: Array, unknowns: NDArray[np.int64], size: int) -> Array:
 
 
 def loads(meridian: Meridian, rings: Array, width: float, harmonic: int) -> Array:
-    """Work of unit forces along x, y and z, spread about each ring at φ = 0, on every unknown.
+    """Load vectors of unit forces along x, y and z at φ = 0 on each ring, for one harmonic.
 
-    A force is spread as exp(κ·cos α), α the angle from its place and κ = 1/width²: a smooth bump
-    that is regular at the apex, and whose harmonics are Bessel functions.
+    A force is spread as exp(κ·cos α), with the angle α from its place and κ = 1/width²: a smooth
+    bump that is regular at the apex, and whose harmonics are Bessel functions.
 
     Parameters
     ----------
-    rings: angles of the rings from the apex [rad], shape (K,)
+    rings: angles of the K rings from the apex [rad], shape (K,)
     width: standard deviation of the bump [rad]
+    harmonic: number m of the harmonic
 
     Returns
     -------
@@ -228,7 +231,7 @@ def loads(meridian: Meridian, rings: Array, width: float, harmonic: int) -> Arra
 
 
 def half_solved(meridian: Meridian, harmonic: int, work: Array) -> Array:
-    """Y with YᵀY the displacements of `loads` along each other: loads through half the stiffness.
+    """Solve L·Y = loads with the stiffness L·Lᵀ; YᵀY are the displacements of loads by each other.
 
     Parameters
     ----------
@@ -240,7 +243,7 @@ def half_solved(meridian: Meridian, harmonic: int, work: Array) -> Array:
 
 
 def solved(meridian: Meridian, harmonic: int, work: Array) -> Array:
-    """Displacement U, V, W of every node of the meridian for loads.
+    """Solve for the displacement (U, V, W) of every node of the meridian.
 
     Parameters
     ----------
@@ -262,7 +265,7 @@ def solved(meridian: Meridian, harmonic: int, work: Array) -> Array:
 
 
 def _held(meridian: Meridian, harmonic: int) -> NDArray[np.bool_]:
-    """Unknowns of a harmonic that vanish."""
+    """Mask of the unknowns that vanish in a harmonic, shape (n,)."""
     held = meridian.held.copy()
     axis = 3 * np.arange(len(meridian.radii))
     for component in ((0, 1), (1, 2), (0, 1, 2))[min(harmonic, 2)]:
@@ -288,7 +291,7 @@ def _factor(meridian: Meridian, harmonic: int, held: NDArray[np.bool_]) -> Array
 
 
 def _through(factor: Array, columns: Array, side: str) -> Array:
-    """Columns through the factor, or through its transpose ("T")."""
+    """Solve with the Cholesky factor ("N"), or with its transpose ("T")."""
     half, info = scipy.linalg.lapack.dtbtrs(factor, columns, uplo="L", trans=side)
     assert info == 0
     return np.asarray(half)

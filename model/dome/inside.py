@@ -1,4 +1,4 @@
-"""Motion of points at a depth in the silicone, and its slopes, for forces on the nodes."""
+"""Displacement of points inside the silicone, and its derivatives, for forces on the nodes."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -26,26 +26,27 @@ _ROOM = 200_000_000
 def inside_table(
     dome: Dome, depth: float, progress: Callable[[int, int], None] = nothing
 ) -> tuple[Array, Table]:
-    """Waves about the axis of the displacement at a depth, for unit forces on each ring.
+    """Harmonics of the displacement at a depth, for unit forces on each ring.
 
-    The first call for a shape, ν and depth solves its elasticity, which takes some seconds; the
-    table is then kept in the user's cache folder.
+    The first call for a shape, ν and depth solves the elasticity, which takes some seconds; the
+    table is then stored in the user's cache folder.
 
     Parameters
     ----------
-    depth: under the skin [m]
-    progress: called with the harmonics that are done and all of them
+    depth: depth under the skin [m]
+    progress: function called with the numbers of finished and of all harmonics
 
     Returns
     -------
     stations: angles from the apex [rad], shape (S,)
-    waves: U, V, W for forces r, φ, z on rings (K, S, H, 9), in units of `compliance_scale`
+    waves: amplitudes U, V, W of H harmonics for forces along r, φ, z on K rings, shape
+        (K, S, H, 9), in units of `compliance_scale`
     """
     return _inside_table(_shape(dome), round(depth / dome.radius, 9), progress)
 
 
 def _shape(dome: Dome) -> tuple[float, float, float, float]:
-    """Core over radius, ν, width of a load [rad] and pitch of the rings [rad]."""
+    """Core over radius, ν, width of a load [rad] and number of rings."""
     return (
         round(dome.core / dome.radius, 9),
         dome.poisson,
@@ -81,7 +82,7 @@ def make_waves(
     depth: float,
     progress: Callable[[int, int], None] = nothing,
 ) -> tuple[Array, Table]:
-    """As `inside_table`, made anew, with lengths over the radius."""
+    """Compute an `inside_table` without the cache, with lengths over the radius."""
     meridian = mesh(core, poisson, width, rings[-1])
     above = _between_levels(meridian, 1.0 - depth)
     faded = 5.0  # harmonics of which less than exp(−faded) arrives at a depth are left out
@@ -113,7 +114,7 @@ def make_waves(
 
 
 def _between_levels(meridian: Meridian, radius: float) -> Array:
-    """Weights of the levels of a meridian for a radius, (L,): the elements' quadratics."""
+    """Weights of a meridian's L levels in the value at a radius (quadratic elements), (L,)."""
     radii = meridian.radii
     element = min(max(int(np.searchsorted(radii[::2], radius)) - 1, 0), len(radii) // 2 - 1)
     three = radii[2 * element : 2 * element + 3]
@@ -125,13 +126,13 @@ def _between_levels(meridian: Meridian, radius: float) -> Array:
 
 
 class _Columns:
-    """What each component of each node's force does, made when the node is first loaded.
+    """Cached columns of a linear map from node forces, each made when its node is first loaded.
 
     Parameters
     ----------
-    nodes: how many
-    values: of a column
-    fill: makes the columns of nodes (n,), into (n, 3, values)
+    nodes: number of nodes
+    values: length of a column
+    fill: function that computes the columns of nodes (n,), into (n, 3, values)
     """
 
     def __init__(
@@ -142,7 +143,7 @@ class _Columns:
         self._sum = np.zeros(values, np.float32)
 
     def __call__(self, forces: Array) -> Table:
-        """Columns times forces (N, 3); the same array each time."""
+        """Multiply the columns by forces (N, 3); the result is overwritten by the next call."""
         loaded = np.flatnonzero(forces.any(axis=1))
         self._make(loaded)
         add_columns(self._columns, self._slot[loaded], forces[loaded], self._sum)
@@ -154,7 +155,7 @@ class _Columns:
         return self._columns[self._slot[nodes]]
 
     def _make(self, loaded: NDArray[np.int64]) -> None:
-        """Make the columns of nodes that are not there."""
+        """Make the missing columns of nodes."""
         missing = loaded[self._slot[loaded] < 0]
         if len(missing):
             if 12 * self._sum.size * (self._used + len(missing)) > _ROOM:
@@ -171,7 +172,7 @@ class _Columns:
 
 
 class SkinField:
-    """Displacement of the nodes of the skin, as `displacements` has it, for many frames."""
+    """Displacement of all skin nodes, as by `displacements`, cached for many frames."""
 
     def __init__(self, body: SoftBody) -> None:
         skin = skin_compliance(body)
@@ -182,23 +183,23 @@ class SkinField:
         self._columns = _Columns(len(skin.ring), 3 * len(skin.ring), fill)
 
     def __call__(self, forces: Array) -> Array:
-        """Displacement [m] for forces on the nodes of the linear skin [N], both (N, 3)."""
+        """Displacements [m] for forces on the nodes of the linear skin [N], both (N, 3)."""
         return self._columns(forces).reshape(-1, 3).astype(np.float64)
 
     def of_nodes(self, nodes: NDArray[np.int64]) -> Table:
-        """Displacement of all nodes for unit forces on some (n,), shape (n, 3, N, 3) [m/N]."""
+        """Displacements of all N nodes for unit forces on n nodes [m/N], shape (n, 3, N, 3)."""
         return self._columns.of(nodes).reshape(len(nodes), 3, -1, 3)
 
 
 class MarkerField:
-    """Displacement of markers in the silicone, and its slopes along their layer.
+    """Displacement of M markers in each of L layers, and its derivatives along the layer.
 
     Parameters
     ----------
-    body: that the markers are in
+    body: body that contains the markers
     places: angle from the apex of a dome [rad] or distance from the middle of a pad [m], and
-        azimuth [rad], of the markers of each layer, (L, M, 2)
-    depths: of the layers under the skin [m], (L,)
+        azimuth [rad], of the markers of each layer, shape (L, M, 2)
+    depths: depths of the layers under the skin [m], shape (L,)
     """
 
     def __init__(self, body: SoftBody, places: Array, depths: Sequence[float]) -> None:
@@ -212,23 +213,23 @@ class MarkerField:
         self._columns = _Columns(len(nodes.ring), values, self._fill)
 
     def __call__(self, forces: Array) -> tuple[Array, Array]:
-        """Displacement and slopes for forces on the nodes.
+        """Displacements and their derivatives for forces on the nodes.
 
         Parameters
         ----------
-        forces: on the nodes of the linear skin [N], shape (N, 3)
+        forces: forces on the nodes of the linear skin [N], shape (N, 3)
 
         Returns
         -------
-        displacement: [m], shape (L, M, 3)
-        slopes: of each component per length along the first coordinate of a place and along φ,
-            shape (L, M, 3, 2)
+        displacement: displacements of the markers [m], shape (L, M, 3)
+        slopes: derivatives of each component per length along the first coordinate of a place and
+            along φ, shape (L, M, 3, 2)
         """
         field = self._columns(forces).reshape(*self._shape, 9).astype(np.float64)
         return field[..., :3], field[..., 3:].reshape(*self._shape, 3, 2)
 
     def of_nodes(self, nodes: NDArray[np.int64]) -> Table:
-        """Displacement and slopes for unit forces on nodes (n,), shape (n, 3, L, M, 9) [m/N]."""
+        """Displacements and derivatives for unit forces on n nodes [m/N], (n, 3, L, M, 9)."""
         return self._columns.of(nodes).reshape(len(nodes), 3, *self._shape, 9)
 
     def _fill(self, missing: NDArray[np.int64], out: Table) -> None:
@@ -258,7 +259,7 @@ class _DomeLayer:
         self._of_ring: dict[int, tuple[Table, Table]] = {}
 
     def _waves(self, ring: int) -> tuple[Table, Table]:
-        """Waves at the angles of the markers and their derivatives, (A, H, 9) [m/N]."""
+        """Harmonics at the A marker angles, and their derivatives, both (A, H, 9) [m/N]."""
         if ring not in self._of_ring:
             table = self._table[ring]
             # Harmonics of which nothing arrives from this ring.
@@ -274,7 +275,7 @@ class _DomeLayer:
         return self._of_ring[ring]
 
     def fill(self, nodes: NDArray[np.int64], out: Table) -> None:
-        """Columns of nodes (n,), into `out` (n, 3, M, 9)."""
+        """Compute the columns of nodes (n,), into `out` (n, 3, M, 9)."""
         rings = self._nodes.ring[nodes]
         for ring in np.unique(rings):
             waves = self._waves(int(ring))
@@ -300,7 +301,7 @@ class _PadLayer:
         self._points = lattice(pad).points
 
     def fill(self, nodes: NDArray[np.int64], out: Table) -> None:
-        """Columns of nodes (n,), into `out` (n, 3, M, 9)."""
+        """Compute the columns of nodes (n,), into `out` (n, 3, M, 9)."""
         for i, node in enumerate(nodes):
             way = self._at - self._points[node, :2]
             slopes = layer_slopes(self._motion, way) @ self._axes[:, None]
@@ -316,12 +317,13 @@ _LAYERS: dict[type[SoftBody], Callable[[Any, Array, float], _DomeLayer | _PadLay
 
 
 def _spline(stations: Array, places: Array) -> "tuple[Array, scipy.sparse.csr_matrix]":
-    """Cubic spline as products, as many are read at the same places.
+    """Matrices of a cubic spline through S stations, evaluated at P fixed places.
 
     Returns
     -------
-    slopes: at the stations from the values there, (S, S)
-    between: at the places first values, then derivatives, from values and slopes, (2·P, 2·S)
+    slopes: matrix from values to derivatives at the stations, shape (S, S)
+    between: matrix from values and derivatives at the stations to values, then derivatives, at the
+        places, shape (2·P, 2·S)
     """
     count = len(stations)
     slopes = scipy.interpolate.CubicSpline(stations, np.eye(count))(stations, 1)

@@ -1,8 +1,8 @@
 """Linear elasticity of a flat layer that is bonded to a rigid base, by waves along it.
 
-A traction that goes with cos(k·x) moves the layer by the same wave, whose amplitude over the depth
-is known in closed form. The motion for a force that is spread as a bump is the sum over all waves,
-an integral with Bessel functions. Young's modulus is 1.
+A traction proportional to cos(k·x) displaces the layer by the same wave, whose amplitude at any
+depth is known in closed form. The displacement for a force that is spread as a bump is the integral
+over all waves, with Bessel functions. Young's modulus is 1.
 """
 
 from functools import lru_cache
@@ -15,12 +15,12 @@ Array = NDArray[np.float64]
 
 
 def wave_amplitudes(k: Array, thickness: float, poisson: float, depth: float) -> Array:
-    """Motion at a depth for unit tractions on the skin that go with waves along it.
+    """Displacement amplitudes at a depth for unit waves of traction on the skin.
 
     Parameters
     ----------
     k: wave numbers, above 0, shape (K,)
-    depth: under the skin
+    depth: depth under the skin
 
     Returns
     -------
@@ -33,7 +33,7 @@ def wave_amplitudes(k: Array, thickness: float, poisson: float, depth: float) ->
     h = k * thickness
 
     def fields(z: Array) -> Array:
-        """u_x, u_z and their slopes along k·z for the four solutions, (4 fields, 4, K)."""
+        """u_x, u_z and their derivatives by k·z for the four solutions, (4 fields, 4, K)."""
         columns = []
         # One part fades from the skin (x = kz), the other from the base (x = kz + kh).
         for s, x in ((1.0, z), (-1.0, z + h)):
@@ -56,17 +56,18 @@ def wave_amplitudes(k: Array, thickness: float, poisson: float, depth: float) ->
 def layer_motion(
     thickness: float, poisson: float, width: float, reach: float, depth: float
 ) -> "scipy.interpolate.CubicSpline":
-    """Motion at a depth over the distance r from a unit force that is spread as a bump.
+    """Displacement at a depth, against the distance r from a unit force that is spread as a bump.
 
     Parameters
     ----------
     width: standard deviation of the bump
-    reach: largest distance that is asked for
+    reach: largest distance of interest
+    depth: depth under the skin
 
     Returns
     -------
-    A function of r with values (…, 5), over Young's modulus: u_z and u_r for a force along z; u_z
-    over cos φ for one along x; and a, b, with u = a·f − b·(2·r̂·r̂ᵀ − 1)·f for f along the layer.
+    A function of r with values (…, 5), for a Young's modulus of 1: u_z and u_r for a force along z;
+    u_z over cos φ for one along x; and a, b in u = a·f − b·(2·r̂·r̂ᵀ − 1)·f for f along the layer.
     """
     farthest = 20.0  # distance beyond which nothing arrives, in thicknesses
     far = min(farthest * thickness, reach)
@@ -96,12 +97,12 @@ def layer_motion(
 
 
 def layer_moved(motion: "scipy.interpolate.CubicSpline", way: Array) -> Array:
-    """Displacement (x, y, z) for unit forces (x, y, z), from the force to the place by `way`.
+    """Displacement (x, y, z) for unit forces along x, y and z.
 
     Parameters
     ----------
-    motion: of `layer_motion`
-    way: along the layer, shape (…, 2)
+    motion: result of `layer_motion`
+    way: vector along the layer from the force to the place, shape (…, 2)
 
     Returns
     -------
@@ -113,7 +114,7 @@ def layer_moved(motion: "scipy.interpolate.CubicSpline", way: Array) -> Array:
 
 
 def layer_slopes(motion: "scipy.interpolate.CubicSpline", way: Array) -> Array:
-    """Slopes of `layer_moved` along x and y, shape (…, 3, 3, 2)."""
+    """Derivatives of `layer_moved` with respect to x and y, shape (…, 3, 3, 2)."""
     r, x, y = _apart(way)
     on = (r < motion.x[-1])[..., None]
     r = np.maximum(r, 1e-6 * motion.x[-1])  # at 0 what is over r is a slope
@@ -132,7 +133,7 @@ def _parts(
     a: Array, b: Array, double: tuple[Array, Array], ur: Array, zx: Array, uz: Array,
     unit: tuple[Array, Array],
 ) -> Array:  # fmt: skip
-    """Displacement × force, shape (…, 3, 3), of the parts of `layer_motion`."""
+    """Assemble displacement × force, shape (…, 3, 3), from the parts of `layer_motion`."""
     (cos, sin), (x, y) = double, unit
     rows = [[a - b * cos, -b * sin, ur * x], [-b * sin, a + b * cos, ur * y], [zx * x, zx * y, uz]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
@@ -144,7 +145,7 @@ def _doubled(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _apart(way: Array) -> tuple[Array, Array, Array]:
-    """Distance, and the unit vector, of ways (…, 2)."""
+    """Length r of vectors (…, 2), and the components x and y of their unit vectors."""
     r = np.hypot(way[..., 0], way[..., 1])
     some = np.where(r > 0.0, r, 1.0)
     return r, np.where(r > 0.0, way[..., 0] / some, 1.0), way[..., 1] / some

@@ -1,4 +1,4 @@
-"""How an object moves: a pose over time, forces on free axes, or a free rigid body."""
+"""Motion of an object: a pose over time, forces on free axes, or a free rigid body."""
 
 import math
 from dataclasses import dataclass, field
@@ -17,22 +17,22 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Path of an object over time, in the axes of the sensor; straight between its knots.
+    """Path of an object over time, in the axes of the sensor; linear between its K knots.
 
-    A pose of zeros puts the object just above the apex, which it touches. A pose is a translation
-    from there and a rotation vector about the object's own origin.
+    A pose is a translation, and a rotation vector about the object's own origin. With a pose of
+    zeros the object just touches the apex.
 
     Attributes
     ----------
-    times: of the knots, increasing from 0 [s], shape (K,)
+    times: times of the knots, increasing from 0 [s], shape (K,)
     poses: (x, y, z) [m] and rotation vector [rad] at each knot, shape (K, 6); −z presses
-    free: axes that are not prescribed but moved by forces, of `AXES`; after the first knot their
+    free: axes, of `AXES`, that are not prescribed but moved by forces; after the first knot their
         entries in `poses` are not used
-    loads: force [N] and torque [N·m] on the free axes at each knot, shape (K, 6); None is none
-    mass: of the object [kg]
-    inertia: about its own axes through its origin [kg·m²], shape (3,)
+    loads: force [N] and torque [N·m] on the free axes at each knot, shape (K, 6); None: no load
+    mass: mass of the object [kg]
+    inertia: moments of inertia about its own axes through its origin [kg·m²], shape (3,)
     drag: damper of each axis to ground [N·s/m, N·m·s], shape (6,)
-    gravity: acceleration [m/s²], shape (3,)
+    gravity: acceleration of gravity [m/s²], shape (3,)
     """
 
     times: Array
@@ -104,6 +104,7 @@ class Motion:
 
 
 def _between(times: Array, values: Array, time: float) -> Array:
+    """Interpolate values at the knots linearly; constant outside."""
     k = min(max(int(np.searchsorted(times, time, side="right")) - 1, 0), len(times) - 2)
     share = min(max((time - times[k]) / (times[k + 1] - times[k]), 0.0), 1.0)
     return values[k] + share * (values[k + 1] - values[k])
@@ -118,15 +119,15 @@ def press_and_move(
     press_s: float = 0.1,
     move_s: float = 0.1,
 ) -> Motion:
-    """Press to a depth, then shift and twist: the motion of most measurements.
+    """Make the motion of most measurements: press to a depth, then shift and twist.
 
     Parameters
     ----------
-    depth: of the press [m]
-    shift: along x and y, after the press [m]
-    twist: about z, after the press [rad]
-    tilt: about x and y, before it touches [rad]
-    press_s, move_s: duration of each part [s]
+    depth: depth of the press [m]
+    shift: shift along x and y, after the press [m]
+    twist: twist about z, after the press [rad]
+    tilt: tilt about x and y, before the touch [rad]
+    press_s, move_s: durations of press and of shift and twist [s]
 
     Raises
     ------
@@ -149,7 +150,7 @@ def press_and_move(
 
 
 def _composed(second: ArrayLike, first: ArrayLike) -> Array:
-    """Rotation vector of one rotation after another."""
+    """Rotation vector of rotation `first`, followed by `second`."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_rotvec(np.asarray(second)) * Rotation.from_rotvec(np.asarray(first))

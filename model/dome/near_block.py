@@ -13,7 +13,7 @@ Index = NDArray[np.int64]
 
 
 class NearBlock:
-    """Compliance among a few nodes of a body, which are changed as the object moves.
+    """Compliance matrix of the n active nodes of a body, which change as the object moves.
 
     Parameters
     ----------
@@ -21,10 +21,10 @@ class NearBlock:
 
     Attributes
     ----------
-    near: numbers of the nodes, shape (n,)
-    compliance: among them [m/N], at least (3n, 3n)
-    own: of each of them [m/N], shape (n, 3, 3)
-    system: arrays of their equations
+    near: indices of the active nodes, shape (n,)
+    compliance: compliance among them [m/N], shape (3n, 3n) or larger
+    own: compliance of each node for its own force [m/N], shape (n, 3, 3)
+    system: work arrays of their equations
     """
 
     def __init__(self, dome: SoftBody) -> None:
@@ -36,7 +36,7 @@ class NearBlock:
         self.system: System = new_system(0)
 
     def take(self, near: Index, kept: int) -> None:
-        """Look at `near`; the compliance among the first `kept` is there."""
+        """Make `near` the active nodes; compliances among the first `kept` are already computed."""
         spare = 32  # nodes that room is made for beyond those that are asked for
         if len(near) > self._room:
             self._room = len(near) + spare
@@ -50,5 +50,5 @@ class NearBlock:
         self.own = np.ascontiguousarray(blocks[each, :, each], np.float64)
 
     def displace(self, loaded: Index, forces: Array, nodes: Index, out: Array) -> None:
-        """Displacement [m] of nodes by forces (N, 3) [N] on the loaded ones, into `out` (N, 3)."""
+        """Displacements of nodes [m] by forces (N, 3) [N] on the loaded ones, into `out` (N, 3)."""
         displace(self._skin, loaded, forces, nodes, out)

@@ -1,4 +1,4 @@
-"""Where an object just touches the silicone."""
+"""Placing of an object so that it just touches the silicone."""
 
 import numpy as np
 import scipy
@@ -14,19 +14,19 @@ Array = NDArray[np.float64]
 
 
 def rotation_of(pose: Array) -> Array:
-    """Rotation (3, 3) of a pose (6,), from the object's own frame to the world's."""
+    """Rotation matrix (3, 3) of a pose (6,), from the object's own frame to the world's."""
     return turned(np.eye(3), np.ascontiguousarray(pose[3:]))
 
 
 def touching_place(
     dome: SoftBody, solid: Solid, rotation: Array, beside: tuple[float, float] = (0.0, 0.0)
 ) -> Array:
-    """Place above the apex at which a turned object just touches the skin [m], shape (3,).
+    """Position of an object's origin at which it just touches the skin from above [m], shape (3,).
 
     Parameters
     ----------
-    rotation: from the object's own frame to the world's, shape (3, 3)
-    beside: of the place beside the apex, along x and y [m]
+    rotation: rotation matrix from the object's own frame to the world's, shape (3, 3)
+    beside: offset of the origin from the axis, along x and y [m]
 
     Raises
     ------
@@ -67,7 +67,7 @@ def touching_place(
 def rise_beside(
     dome: SoftBody, solid: Solid, rotation: Array, beside: tuple[float, float]
 ) -> float:
-    """How much higher an object just touches beside the axis than on it [m]; negative is lower."""
+    """Height of an object's origin at touch next to the axis, minus that on the axis [m]."""
     if not any(beside):
         return 0.0
     there = touching_place(dome, solid, rotation, beside)

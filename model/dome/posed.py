@@ -1,8 +1,8 @@
-"""Contacts of one dome at prescribed poses, each from a history of its own.
+"""Contacts of one dome at prescribed poses, as immutable values.
 
-A dome that is stepped (`stepper`) changes its arrays. Here a step makes a new history of an old
-one, so that many steps from the same instant can be compared. What other poses and other objects
-change of a step is told to first order (`changed`), by one linear system for all of them.
+A `Stepper` changes its arrays. Here a step makes a new contact from an old one, so that many steps
+from the same instant can be compared. `changed` gives the effect of other poses and other objects
+on a step to first order, by one linear system for all of them.
 """
 
 from collections.abc import Sequence
@@ -30,19 +30,19 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True)
 class PosedContact:
-    """A dome and an object at a pose, with what the next step needs of the way there.
+    """Contact of a dome and an object at a pose, with everything that the next step needs.
 
-    Several contacts on the same nodes are one, with a further axis in front of every array.
+    Several contacts on the same nodes form one value, with a leading axis in every array.
 
     Attributes
     ----------
-    nodes: numbers of the nodes that are looked at, n of them, shape (n,)
-    rotation, place: of the object, as of `DomeState`
-    displacement: of the nodes [m], shape (n, 3)
+    nodes: indices of the n active nodes, shape (n,)
+    rotation, place: rotation matrix and position of the object, as in `DomeState`
+    displacement: displacements of the nodes [m], shape (n, 3)
     linear: forces that the linear skin carries [N], shape (n, 3)
-    forces: of the object on the nodes [N], shape (n, 3)
-    friction: the part of `forces` in the object's tangent planes [N], shape (n, 3)
-    normals: of the object at the nodes that touch it, zero elsewhere, shape (n, 3)
+    forces: forces of the object on the nodes [N], shape (n, 3)
+    friction: part of `forces` in the object's tangent planes [N], shape (n, 3)
+    normals: unit normals of the object at the nodes that touch it, zero elsewhere, shape (n, 3)
     """
 
     nodes: Index
@@ -60,11 +60,11 @@ class PosedContact:
         return np.asarray(np.einsum("...ij,...ij->...i", self.forces, self.normals))
 
     def at(self, k: int | slice) -> "PosedContact":
-        """Contact k of several."""
+        """Select contact k of several."""
         return self._made(lambda name: getattr(self, name)[k])
 
     def everywhere(self, count: int) -> "PosedContact":
-        """The same on all nodes, so many; zero on those that are not looked at."""
+        """Expand to all `count` nodes, with zeros on inactive ones."""
 
         def spread(name: str) -> Array:
             values: Array = getattr(self, name)
@@ -77,21 +77,22 @@ class PosedContact:
         return replace(self._made(spread), nodes=np.arange(count))
 
     def _made(self, of: Any) -> "PosedContact":
+        """Copy with every array except `nodes` made by `of`, from its name."""
         values = {each.name: of(each.name) for each in fields(self) if each.name != "nodes"}
         return replace(self, **values)
 
 
 def together(contacts: Sequence[PosedContact]) -> PosedContact:
-    """Contacts on the same nodes as one."""
+    """Stack contacts on the same nodes into one value."""
     return contacts[0]._made(lambda name: np.stack([getattr(each, name) for each in contacts]))
 
 
 class PosedContacts:
-    """Steps of contacts on one dome.
+    """Solver for steps of contacts on one dome.
 
     Parameters
     ----------
-    dome: elastic, without viscosity
+    dome: elastic dome, without viscosity
     """
 
     #: Relative change of the forces at which a step is solved.
@@ -111,11 +112,11 @@ class PosedContacts:
 
     @property
     def near(self) -> Index:
-        """Nodes that are looked at, shape (n,)."""
+        """Indices of the active nodes, shape (n,)."""
         return self._block.near
 
     def untouched(self, rotation: Array, place: Array) -> PosedContact:
-        """A dome at rest, and an object that does not touch it."""
+        """Make a contact of a dome at rest with an object that does not touch it."""
         none = np.zeros((0, 3))
         return PosedContact(
             nodes=np.zeros(0, np.int64), rotation=rotation, place=place, displacement=none,
@@ -123,11 +124,11 @@ class PosedContacts:
         )  # fmt: skip
 
     def look(self, last: PosedContact, solid: Solid, rotation: Array, place: Array) -> PosedContact:
-        """Look at the nodes that an object may touch in the next step.
+        """Activate the nodes that an object may touch in the next step.
 
         Returns
         -------
-        The last contact on the nodes that are looked at, with the displacement of all of them.
+        Last contact on the active nodes, with the displacement of all of them.
         """
         places = self._lattice.points - place
         places[last.nodes] += last.displacement
@@ -156,7 +157,7 @@ class PosedContacts:
         return out
 
     def onto(self, last: PosedContact) -> PosedContact:
-        """A contact, or several, on the nodes that are looked at now; zero on new ones."""
+        """Transfer a contact, or several, to the active nodes; zero on new ones."""
         if last.nodes is self.near:
             return last
         place = np.full(len(self._lattice.points), len(last.nodes))
@@ -180,7 +181,7 @@ class PosedContacts:
         return replace(last._made(moved), nodes=self.near)
 
     def known(self, contact: PosedContact) -> PosedContact | None:
-        """A contact on the nodes that are looked at now; None unless it is known on all of them."""
+        """Transfer a contact to the active nodes; None unless it includes all of them."""
         if contact.nodes is not self.near and not np.isin(self.near, contact.nodes).all():
             return None
         return self.onto(contact)
@@ -193,12 +194,12 @@ class PosedContacts:
         place: Array,
         alike: PosedContact | None = None,
     ) -> PosedContact:
-        """Contact after the object has moved to a pose.
+        """Solve for the contact after the object has moved to a pose.
 
         Parameters
         ----------
-        last: contact, on the nodes that are looked at
-        alike: contact near the one that is sought, on any nodes; it makes the search shorter
+        last: contact before the step, on the active nodes
+        alike: similar contact on any nodes, as a guess that shortens the iteration
 
         Raises
         ------
@@ -221,16 +222,16 @@ class PosedContacts:
         place: Array,
         times: float,
     ) -> PosedContact:
-        """What changes of objects, poses and histories make of a contact, to first order.
+        """Contacts after a step for changed objects, poses and histories, to first order.
 
         Parameters
         ----------
-        last: 1 + C contacts before a step, on the nodes that are looked at: one, and the same with
-            small changes
-        after: the first one after the step
-        solids: 1 + C objects, of one kind of shape
-        rotation, place: of each after the step, shapes (1 + C, 3, 3) and (1 + C, 3)
-        times: the changes that are told are so many times those that are given
+        last: 1 + C contacts before a step, on the active nodes: a first one, and C with small
+            changes
+        after: first contact after the step
+        solids: 1 + C objects of one kind of shape
+        rotation, place: pose of each object after the step, shapes (1 + C, 3, 3) and (1 + C, 3)
+        times: factor by which the returned changes are larger than the given ones
 
         Returns
         -------
@@ -275,7 +276,7 @@ class PosedContacts:
         *,
         tangent: bool,
     ) -> tuple[Array, Array]:
-        """Forces of `posed_forces`, (4, C, n, 3), and slopes of the first, (n, 3, 3)."""
+        """Results of `posed_forces` for C contacts, (4, C, n, 3), and its slopes, (n, 3, 3)."""
         near, nodes = self.near, self._lattice
         results = np.empty((4, *moved.shape))
         slopes = np.empty((len(near) if tangent else 0, 3, 3))
@@ -296,6 +297,7 @@ class PosedContacts:
     def _halved(
         self, last: PosedContact, solid: Solid, rotation: Array, place: Array, left: int
     ) -> PosedContact:
+        """Solve for a step, in halves as long as it does not converge, `left` times at most."""
         after, error = self._solve(last, solid, rotation, place, last.linear)
         if error < self.tolerance or (not left and error < STEP.enough):
             return after
@@ -315,6 +317,7 @@ class PosedContacts:
         guess: Array,
         warm: bool = False,
     ) -> tuple[PosedContact, float]:
+        """Solve for one step from a guess of `linear`; return contact and relative error."""
         near, nodes, block = self.near, self._lattice, self._block
         results = np.zeros((5, *last.linear.shape))
         results[1] = guess

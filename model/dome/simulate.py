@@ -1,4 +1,4 @@
-"""A dome and an object over a whole motion: what is recorded of it, and how it is kept."""
+"""Simulation of a dome and an object over a whole motion, and files of its states."""
 
 import os
 from collections.abc import Iterator
@@ -26,18 +26,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class DomeRun:
-    """What happened to a dome in a motion.
+    """Record of a motion of an object over a dome in K steps.
 
     Attributes
     ----------
-    dome, solid, motion: of the run
-    times: of every step [s], shape (K,)
+    dome, solid, motion: body, object and its motion
+    times: time at the end of every step [s], shape (K,)
     places, rotations: poses of the object, shapes (K, 3) [m] and (K, 3, 3)
-    total_forces, total_torques: of the object on the dome, the torque about the sphere's centre
-        [N, N·m], shapes (K, 3)
-    rounds, touching: of each step: rounds of Newton's method, nodes that touch, shapes (K,)
-    halvings, unconverged: how often steps were halved; parts of steps that did not converge
-    states: at some of the times, the last among them
+    total_forces, total_torques: force of the object on the dome [N], and torque about the sphere's
+        centre [N·m], shapes (K, 3)
+    rounds, touching: number of Newton rounds, and of touching nodes, in each step, shape (K,)
+    halvings, unconverged: number of halvings of steps, and of parts that did not converge
+    states: S states at some of the times, including the last
     """
 
     dome: SoftBody
@@ -61,7 +61,7 @@ class DomeRun:
 
     @property
     def positions(self) -> Array:
-        """Places of the nodes in each kept state [m], shape (S, N, 3)."""
+        """Positions of the nodes in each kept state [m], shape (S, N, 3)."""
         points = lattice(self.dome).points
         return np.stack([points + displacements(self.dome, state) for state in self.states])
 
@@ -100,11 +100,11 @@ def dome_forces(dome: SoftBody, state: DomeState, whole: bool = True) -> ForceFi
 
 
 def limit_margin(dome: SoftBody, solid: Solid, state: DomeState) -> float:
-    """Margin of a state against the limit surface of force and torsion; NaN without contact.
+    """Margin of a state to the limit surface of friction and torsion; NaN without contact.
 
-    It is 1 − 1/λ, with the largest λ by which friction and torsion could both grow at the present
-    normal forces. Without torsion it is Γ on a flat object; on a round one, friction towards the
-    middle counts in ΣFf but not here.
+    It is 1 − 1/λ, with the largest factor λ by which friction and torsion could both grow at the
+    present normal forces. Without torsion it is Γ on a flat object. On a round object, friction
+    towards the middle counts in ΣFf but not here.
     """
     return margin_within(dome_forces(dome, state), solid.friction)
 
@@ -124,7 +124,7 @@ def contact_steps(
 
     Yields
     ------
-    stepper after a step, always the same object, with its `state()`; and the cost of the step
+    stepper after a step, always the same object, with its `state()`; and counts of the step
     """
     finite("time step", dt, "s", above=0.0)
     stepper = Stepper(dome, solid, motion, start or resting(dome, solid, motion))
@@ -142,7 +142,7 @@ def simulate_contact(
     start: DomeState | None = None,
     keep: int = 20,
 ) -> DomeRun:
-    """Press and move an object on a dome.
+    """Simulate an object that presses and moves on a dome.
 
     Parameters
     ----------
@@ -189,9 +189,9 @@ def simulate_contact(
 
 
 def _times(motion: Motion, dt: float, start: float) -> Array:
-    """Ends of the steps after `start`, at most dt apart, with every knot among them.
+    """Ends of the steps after `start` [s], at most dt apart, including every knot.
 
-    They do not depend on where a run starts, so that one that goes on takes the same steps.
+    They do not depend on `start`, so that a continued run takes the same steps.
     """
     ends: list[float] = []
     for before, after in zip(motion.times[:-1], motion.times[1:], strict=True):
@@ -205,16 +205,16 @@ def _times(motion: Motion, dt: float, start: float) -> Array:
 
 
 def save_dome_state(path: str | os.PathLike[str], state: DomeState) -> None:
-    """Write a state to an .npz file, whole or not at all."""
+    """Write a state to an .npz file atomically."""
     write_arrays(Path(path), {f.name: np.asarray(getattr(state, f.name)) for f in fields(state)})
 
 
 def load_dome_state(path: str | os.PathLike[str]) -> DomeState:
-    """State from a file of `save_dome_state`.
+    """Read a state from a file of `save_dome_state`.
 
     Raises
     ------
-    UserError: for a file that is not one.
+    UserError: for any other file.
     """
     names = [f.name for f in fields(DomeState)]
     try:

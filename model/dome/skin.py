@@ -1,4 +1,4 @@
-"""The skin of a body beside an object: the nodes that are looked at, and what they remember."""
+"""State arrays of a body's skin near an object, with its active nodes, as steps use them."""
 
 import math
 
@@ -25,7 +25,7 @@ DEEPEST = 0.8
 
 
 class Skin:
-    """Arrays of a body's skin, which the steps of whoever owns it change."""
+    """State arrays of a body's skin, which the owner's steps change."""
 
     def __init__(self, dome: SoftBody, solid: Solid, state: DomeState) -> None:
         self.dome, self.solid = dome, solid
@@ -40,15 +40,15 @@ class Skin:
 
     @property
     def near(self) -> Index:
-        """Nodes that are looked at, shape (n,)."""
+        """Indices of the active nodes, shape (n,)."""
         return self.block.near
 
     def touch(self, solid: Solid) -> None:
-        """Go on with another material of the same object."""
+        """Change the material of the object, whose shape stays."""
         self.solid, self.thing = solid, touched(solid)
 
     def restore(self, state: DomeState) -> None:
-        """Take over a state.
+        """Set all arrays from a state.
 
         Raises
         ------
@@ -66,7 +66,7 @@ class Skin:
             self._take(state.near.copy(), 0)
 
     def state(self) -> DomeState:
-        """Copy of everything that the next step starts from."""
+        """Copy everything that the next step starts from."""
         return DomeState(
             time=self.time,
             place=self.place.copy(),
@@ -82,11 +82,11 @@ class Skin:
         )
 
     def contact(self, lag: float) -> Contact:
-        """Nodes that are looked at, as a step begins with them.
+        """Active nodes at the start of a step, as the kernels take them.
 
         Parameters
         ----------
-        lag: time constant of the viscosity over the step
+        lag: time constant of the viscosity over the step length
         """
         near = self.near
         offset = np.zeros((len(near), 3))
@@ -107,7 +107,7 @@ class Skin:
         )
 
     def stiffening(self) -> Stiffening:
-        """Law by which the skin stiffens in the next step."""
+        """Law of stiffening in the next step, from the present contact."""
         near = self.near
         return stiffening_of(
             self.dome, self.solid.friction, self.lattice.areas[near], self.forces[near],
@@ -115,7 +115,7 @@ class Skin:
         )  # fmt: skip
 
     def take_over(self, near: Index, outcome: Outcome, lag: float) -> None:
-        """Go on from what a step left on the nodes that it looked at."""
+        """Set the state of the active nodes from the outcome of a step."""
         self.linear[near] = outcome.linear
         self.forces[near], self.friction[near] = outcome.true, outcome.tangential
         on = np.asarray(outcome.true.any(axis=1))
@@ -128,7 +128,7 @@ class Skin:
             self.memory[abs(self.memory) < forgotten] = 0.0
 
     def find(self, rotation: Array, place: Array) -> None:
-        """Take new nodes into the unknowns where the object comes near them."""
+        """Choose the active nodes again if the object comes near an inactive one."""
         margin = MARGIN * self.dome.spacing
         pose = Pose(rotation, place, rotation, place)
         count = self._flag(pose, margin)
@@ -149,7 +149,7 @@ class Skin:
             self.block.displace(loaded, source, new, self.displacement)
 
     def missed(self, rotation: Array, place: Array) -> bool:
-        """Whether the object came to nodes that were not looked at; they are from now on."""
+        """Whether the object reached inactive nodes; if so, activate them."""
         self._flag(Pose(rotation, place, rotation, place), 0.0)
         if not (self.flags & ~self.is_near).any():
             return False
@@ -157,7 +157,7 @@ class Skin:
         return True
 
     def check_depth(self) -> None:
-        """Refuse a press that is deeper than the silicone is described.
+        """Refuse a press that is deeper than the model describes.
 
         Raises
         ------
@@ -175,24 +175,25 @@ class Skin:
             )
 
     def _flag(self, pose: Pose, margin: float) -> int:
+        """Set `flags` of the nodes within a margin [m] of the object; return their number."""
         return find_near(
             self.thing, pose, margin, self.lattice.points, self.displacement, self.linear,
             self.memory, self.near, self.groups, self.flags,
         )  # fmt: skip
 
     def _take(self, near: Index, kept: int) -> None:
-        """Make the equations those of `near`; the compliance of the first `kept` is there."""
+        """Activate `near`; compliances among the first `kept` are already computed."""
         self.block.take(near, kept)
         self.is_near[:] = False
         self.is_near[near] = True
 
 
 def law_of(dome: SoftBody) -> Array:
-    """Constants of the law, as `stiffening_by` takes them.
+    """Constants of the law of stiffening, as `stiffening_by` takes them, shape (9,).
 
-    They are the thickness [m], which is 0 where nothing stiffens; without friction the widest
-    contact in thicknesses, a factor, its power, and p; where it sticks the widest contact, c of it,
-    its power, and p.
+    They are the thickness [m], 0 without stiffening; then, without friction, the widest contact in
+    thicknesses, a factor, its power, and p; then, for a sticking contact, the widest contact, its
+    factor c, its power, and p.
     """
     if not dome.stiffening:
         return np.zeros(9)
@@ -206,13 +207,14 @@ def law_of(dome: SoftBody) -> Array:
 def stiffening_of(
     dome: SoftBody, friction: float, areas: Array, forces: Array, tangential: Array
 ) -> Stiffening:
-    """Law of the next step, from the contact before it.
+    """Law of stiffening in the next step, from the contact before it.
 
     Parameters
     ----------
+    dome: body
     friction: coefficient µ
-    areas: of the nodes [m²], shape (n,)
-    forces, tangential: on the nodes, and their friction [N], shape (n, 3)
+    areas: areas of the nodes [m²], shape (n,)
+    forces, tangential: forces on the nodes, and their friction part [N], shape (n, 3)
     """
     share, power = stiffening_by(law_of(dome), friction, areas, forces, tangential)
     return Stiffening(share, power, dome.thickness)

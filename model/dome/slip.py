@@ -1,4 +1,4 @@
-"""How far an object has slipped over a dome, by the words of `chain.metrics`."""
+"""Slip of an object over a dome, with the same measures as `chain.metrics`."""
 
 from dataclasses import dataclass
 
@@ -18,15 +18,15 @@ _AFTER = np.array([2, 0, 1])
 
 @dataclass(frozen=True, kw_only=True)
 class DomeSlip:
-    """Slip of an object over a dome up to now.
+    """Slip of an object over a dome so far.
 
     Attributes
     ----------
-    path: of the object over each node, along the surface, since the contact began [m], shape
+    path: slip of the object over each node, along the surface, since the contact began [m], shape
         (N, 3); NaN out of contact
-    current: min over the nodes in contact of |path| [m]
+    current: minimum of |path| over the nodes in contact [m]
     lateral_displacement: maximum of `current` so far [m]
-    rigid_slip: sum over the steps of the least path of a node in contact [m]
+    rigid_slip: sum over the steps of the smallest slip of a node in contact [m]
     """
 
     path: Array
@@ -36,23 +36,23 @@ class DomeSlip:
 
 
 def no_dome_slip(dome: SoftBody) -> DomeSlip:
-    """Record of a grasp that has not begun."""
+    """Slip record at the start of a grasp."""
     return DomeSlip(path=np.full_like(lattice(dome).points, np.nan))
 
 
 def follow_dome_slip(
     record: DomeSlip, dome: SoftBody, before: DomeState, after: DomeState, field: ForceField
 ) -> DomeSlip:
-    """Record after a step.
+    """Update a slip record by one step.
 
-    A node that joins the contact starts from the slip of the contact so far, as on the chain.
-    An object that only turns about its contact has a point at rest below it, as a rule between
-    nodes, and does not slip.
+    A node that joins the contact starts with the slip of the contact so far, as on the chain. Under
+    an object that only turns about its contact one point is at rest, usually between nodes: this is
+    no slip.
 
     Parameters
     ----------
-    before, after: states at the ends of the step
-    field: forces of the state after it
+    before, after: states at the start and the end of the step
+    field: contact forces of the state `after`
     """
     touching = field.contact
     path = np.full_like(record.path, np.nan)
@@ -83,11 +83,11 @@ def follow_dome_slip(
 
 
 def _least(paths: Array, places: Array, normals: Array, around: float) -> float:
-    """Least path in a contact whose paths are known at some places; points around them count too.
+    """Smallest path length in a contact, also at points between the places of known paths.
 
     Parameters
     ----------
-    around: how far from a place a point of the contact may be [m]
+    around: largest distance of a point of the contact from the nearest place [m]
     """
     if not len(paths):
         return 0.0
@@ -102,7 +102,7 @@ def _least(paths: Array, places: Array, normals: Array, around: float) -> float:
 def _sliding(
     dome: SoftBody, before: DomeState, after: DomeState, nodes: NDArray[np.bool_]
 ) -> Array:
-    """Path of the object over some nodes in a step, in its tangent planes [m], shape (n, 3)."""
+    """Slip of the object over some nodes in a step, in its tangent planes [m], shape (n, 3)."""
     points = lattice(dome).points[nodes]
     normals = after.normals[nodes]
     then = points + before.displacement[nodes]

@@ -1,4 +1,4 @@
-"""An object that touches a dome: its shape, and stiffness and friction per area."""
+"""Object that touches a dome: its shape, and its stiffness and friction per area."""
 
 import math
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ STIFFEST = 1e14
 
 @dataclass(frozen=True, kw_only=True)
 class Solid:
-    """An object in three dimensions.
+    """Object in three dimensions.
 
     Attributes
     ----------
-    shape: its signed distance
+    shape: shape, with its signed distance
     stiffness: penalty stiffness k per area [N/m³]; see `solid_stiffness`
     friction: coefficient µ
     dahl_stiffness: bristle stiffness σ0 per area [N/m³]
@@ -41,27 +41,28 @@ class Solid:
 
 
 def solid_stiffness(young_modulus: float) -> float:
-    """Stiffness per area of an object of a material [N/m³]: E/(2·pitch) with the chain's pitch.
+    """Stiffness per area of an object [N/m³], E/(2·pitch) with the chain's pitch.
 
-    A node of the chain stands for a strip of 10 mm, and an object of Young's modulus E gives it
-    E·10 mm/2 (erratum E4). Over its area, 10 mm times the pitch of 251 nodes, that is E/(2·pitch):
-    200 kPa are 1e9 N/m³. The same object is as stiff on a dome, whatever the dome's own pitch.
+    A node of the chain represents a strip of 10 mm, and the contact stiffness of an object of
+    Young's modulus E on it is E·10 mm/2 (erratum E4). Over the node's area, 10 mm times the pitch
+    of 251 nodes, that is E/(2·pitch): 200 kPa give 1e9 N/m³. This does not depend on the dome's own
+    pitch.
 
     Parameters
     ----------
-    young_modulus: of the object [Pa]
+    young_modulus: Young's modulus of the object [Pa]
     """
     finite("stiffness of an object", young_modulus, "Pa", above=0.0)
     return per_area(young_modulus * _STRIP / 2.0)
 
 
 def per_area(stiffness: float) -> float:
-    """Stiffness per area [N/m³] of what the chain has per node at 251 nodes [N/m]."""
+    """Convert a stiffness per node at 251 nodes [N/m] to a stiffness per area [N/m³]."""
     return stiffness / (_STRIP * _CHAIN_PITCH)
 
 
 def touched(solid: Solid) -> Touched:
-    """An object as the kernels take it."""
+    """Convert an object to the form that the kernels take."""
     shape = solid.shape
     return Touched(
         shape.kind, shape.numbers, shape.grid, shape.origin, shape.cells,

@@ -1,4 +1,4 @@
-"""What a dome's step starts from, and what it took."""
+"""State from which a dome's step starts, and counts of a step."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -19,20 +19,22 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True)
 class DomeState:
-    """All that a step of a dome starts from.
+    """Everything that a step of a dome starts from.
 
     Attributes
     ----------
-    time: [s]
-    place, rotation: of the object in the sensor's frame [m], shapes (3,) and (3, 3)
-    velocity: of its place, and its angular velocity [m/s, rad/s], shape (6,)
-    displacement: of the nodes [m], shape (N, 3); right for those in `near`, see `displacements`
+    time: time of the state [s]
+    place, rotation: position [m] and rotation matrix of the object in the sensor's frame, shapes
+        (3,) and (3, 3)
+    velocity: velocity [m/s] and angular velocity [rad/s] of the object, shape (6,)
+    displacement: displacements of the nodes [m], shape (N, 3); valid only for those in `near`, see
+        `displacements`
     linear: forces that the linear skin carries [N], shape (N, 3)
-    memory: the same, as viscosity remembers them [N], shape (N, 3)
-    forces: of the object on the nodes [N], shape (N, 3)
-    friction: the part of `forces` in the object's tangent planes [N], shape (N, 3)
-    normals: of the object at the nodes that touch it, zero elsewhere, shape (N, 3)
-    near: nodes that a step looks at, in the order of its equations, shape (n,)
+    memory: low-pass filtered `linear` of a viscous skin, which displaces it [N], shape (N, 3)
+    forces: forces of the object on the nodes [N], shape (N, 3)
+    friction: part of `forces` in the object's tangent planes [N], shape (N, 3)
+    normals: unit normals of the object at the nodes that touch it, zero elsewhere, shape (N, 3)
+    near: indices of the active nodes, in the order of a step's equations, shape (n,)
     """
 
     time: float
@@ -49,21 +51,21 @@ class DomeState:
 
     @property
     def carried(self) -> Array:
-        """What carries the markers: forces on the linear skin [N], (N, 3)."""
+        """Input of the membrane map: forces on the linear skin [N], (N, 3)."""
         return self.memory if self.memory.any() else self.linear
 
 
 class StepCount(NamedTuple):
-    """What a step took.
+    """Effort and result of a step, in numbers.
 
     Attributes
     ----------
-    rounds: of Newton's method
-    products: with the compliance
-    touching: nodes that touch at its end
-    halvings: how often it, or a part of it, was halved
+    rounds: number of rounds of Newton's method
+    products: number of products with the compliance matrix
+    touching: number of nodes that touch at the end
+    halvings: number of halvings of the step or its parts
     error: relative change of the forces in the last round
-    unconverged: parts of the step that were taken although they did not converge
+    unconverged: number of parts of the step that were accepted although they did not converge
     """
 
     rounds: int
@@ -75,7 +77,7 @@ class StepCount(NamedTuple):
 
 
 def resting(dome: SoftBody, solid: Solid, motion: Motion) -> DomeState:
-    """State at the start of a motion, in which nothing touches.
+    """State at the start of a motion, without contact.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A dome in contact, one step after another; the arrays that a step works in."""
+"""Stepper of a dome in contact, which owns the arrays of the steps."""
 
 from dataclasses import dataclass
 
@@ -61,11 +61,11 @@ class Stepper(Skin):
         super().__init__(dome, solid, state)
 
     def advance(self, until: float, load: Array | None = None) -> StepCount:
-        """Step to a time, in halves where it does not converge.
+        """Step to a time [s], in halves as long as it does not converge.
 
         Parameters
         ----------
-        load: force and torque on the free axes [N, N·m], shape (6,); None is the motion's
+        load: force and torque on the free axes [N, N·m], shape (6,); None: those of the motion
 
         Raises
         ------
@@ -77,6 +77,7 @@ class Stepper(Skin):
         return count
 
     def _attempt(self, until: float, depth: int, load: Array | None) -> StepCount:
+        """Make a step that is halved `depth` times so far, or its halves."""
         before = self.state()
         count = self._solve(until, self.dome.relaxation / (until - self.time), load)
         leapt = np.linalg.norm(self.place - before.place) > self.dome.stride
@@ -103,6 +104,7 @@ class Stepper(Skin):
         )
 
     def _enough(self, count: StepCount, until: float, step: float) -> StepCount:
+        """Accept a step with a small error, else raise ConvergenceError."""
         if count.error < STEP.enough:
             return count._replace(unconverged=1)
         raise ConvergenceError(
@@ -111,10 +113,10 @@ class Stepper(Skin):
         )
 
     def _creep(self, until: float) -> StepCount:
-        """Step in which the skin is slowed down, more and then less, until it is at rest.
+        """Make a step with artificial viscosity, which is reduced to 0 as the skin comes to rest.
 
-        Where a node snaps over an edge there is no equilibrium near the one before, however short
-        the step; a viscous skin has a way to the next one.
+        Where a node snaps over an edge there is no equilibrium near the previous one, however short
+        the step. A viscous skin moves continuously to the next one.
         """
         step = until - self.time
         self.memory[:] = self.linear
@@ -139,6 +141,7 @@ class Stepper(Skin):
         return self._enough(count._replace(error=max(count.error, STEP.tolerance)), until, step)
 
     def _solve(self, until: float, lag: float, load: Array | None = None) -> StepCount:
+        """Solve one step and take it over, whatever its error; `lag` is viscosity over step."""
         step = until - self.time
         free = np.asarray(self.motion.moves_free, np.bool_)
         moves = bool(free.any())
@@ -169,7 +172,7 @@ class Stepper(Skin):
         return StepCount(rounds, products, touching, 0, error)
 
     def _guess(self, until: float) -> tuple[Array, Array]:
-        """Pose that the step starts from on its free axes, and goes to on the others."""
+        """Guess the pose after a step: the present one on free axes, else the prescribed one."""
         motion, free = self.motion, self.motion.moves_free
         if not free.any():
             return self._pose(motion.pose_at(until))
@@ -182,12 +185,13 @@ class Stepper(Skin):
         return rotation, np.where(free[:3], self.place, place)
 
     def _pose(self, pose: Array) -> tuple[Array, Array]:
+        """Rotation and position of the object at a pose of the motion."""
         return rotation_of(pose), self.start + pose[:3]
 
     def _inertia(
         self, rotation: Array, until: float, step: float, load: Array | None
     ) -> tuple[Array, Array]:
-        """M of the free axes over a step, and the wrench with which they would move freely."""
+        """Inertia matrix of the free axes over a step, and wrench that drives them."""
         motion = self.motion
         wanted = (motion.load_at(until) if load is None else load).copy()
         inertia = np.zeros((6, 6))
@@ -205,6 +209,7 @@ class Stepper(Skin):
         return inertia, wanted
 
     def _velocity(self, step: float, place: Array, moved: Array) -> Array:
+        """Velocity and angular velocity of the object after a step, shape (6,)."""
         free = self.motion.moves_free
         change = np.concatenate([place - self.place, moved[3:]]) / step
         if not free.any():

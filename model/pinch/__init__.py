@@ -1,8 +1,8 @@
-"""Two fingertips that pinch a rigid body: its weight, its swing, and the hand that carries them.
+"""Two fingertips that pinch a rigid body: its weight, its swing, and the hand that carries all.
 
 The unknowns of a step are the forces on the nodes of both skins, the pose of the body in the hand
-and the distance that the drive closes: two blocks of compliance with one border. The body's
-inertia is computed in the world's frame, see `body`.
+and the closing distance of the drive: a system of two compliance blocks with a common border. The
+body's inertia is computed in the world's frame, see `body`.
 """
 
 from .body import Filling, Moving, RigidBody, box_body, kinetic_energy, rotation_by, rotation_vector

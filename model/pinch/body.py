@@ -1,12 +1,12 @@
-"""The rigid body between two fingertips, and how it moves over a step.
+"""Rigid body between two fingertips, and its motion over a step.
 
-Its momentum and its angular momentum about the centre of mass follow the formula of second order
-with three points (BDF2), with steps of any length: of a value y at the ends of the last steps,
+Momentum and angular momentum about the centre of mass are integrated by BDF2 with variable steps.
+For a value y at the ends of the last steps,
 
     h·ẏ₁ = a₀·y₁ − a₁·y₀ + a₂·y₋₁,    a₀ = (1 + 2r)/(1 + r),  a₁ = 1 + r,  a₂ = r²/(1 + r)
 
-with r the step over the one before; r = 0 is backward Euler, which starts. A swing loses a share
-(ω·h)⁴/4 of its amplitude a step, and what is stiffer than a step resolves is damped at once.
+with r = step/previous step; r = 0 is backward Euler, the first step. A swing of angular frequency ω
+loses the share (ω·h)⁴/4 of its amplitude per step; faster oscillations are damped at once.
 """
 
 import math
@@ -25,13 +25,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class RigidBody:
-    """Mass of an object.
+    """Mass properties of an object.
 
     Attributes
     ----------
-    mass: [kg]
-    inertia: about the centre of mass, along the object's own axes [kg·m²], shape (3,)
-    centre: of mass, in the object's own frame [m], shape (3,)
+    mass: mass [kg]
+    inertia: moments of inertia about the centre of mass, along the object's own axes [kg·m²], (3,)
+    centre: centre of mass in the object's own frame [m], shape (3,)
     """
 
     mass: float
@@ -50,15 +50,15 @@ class RigidBody:
 
 @dataclass(frozen=True, kw_only=True)
 class Filling:
-    """Mass that is added to a body: straight between knots, and as at the last one after it.
+    """Mass that is added to a body over time: linear between knots, constant outside.
 
-    It comes at rest, into the centre of mass, so that momentum changes by the forces alone. The
-    moments of inertia grow as the mass does.
+    It is added at the centre of mass, without momentum of its own: momentum changes by forces only.
+    The moments of inertia grow in proportion to the mass.
 
     Attributes
     ----------
-    times: of the knots, increasing [s]
-    masses: added until then [kg]
+    times: times of the knots, increasing [s]
+    masses: total added mass at each knot [kg]
     """
 
     times: tuple[float, ...]
@@ -85,13 +85,13 @@ def box_body(
     size: tuple[float, float, float],
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> RigidBody:
-    """A body with the moments of inertia of a homogeneous box about its centre of mass.
+    """Make a body with the moments of inertia of a homogeneous box about its centre of mass.
 
     Parameters
     ----------
-    mass: [kg]
-    size: edges [m]
-    centre: of mass [m]
+    mass: mass [kg]
+    size: edge lengths of the box [m]
+    centre: centre of mass in the object's own frame [m]
     """
     x, y, z = (edge**2 for edge in size)
     inertia = (mass * (y + z) / 12, mass * (x + z) / 12, mass * (x + y) / 12)
@@ -100,17 +100,17 @@ def box_body(
 
 @dataclass(frozen=True, kw_only=True)
 class Moving:
-    """A rigid body in the world, now and a step before.
+    """State of motion of a rigid body in the world's frame, now and one step before.
 
     Attributes
     ----------
-    place: of the centre of mass [m], shape (3,)
-    rotation: from the body's own frame to the world's, shape (3, 3)
-    momentum: [N·s], shape (3,)
+    place: position of the centre of mass [m], shape (3,)
+    rotation: rotation matrix from the body's own frame to the world's, shape (3, 3)
+    momentum: momentum [N·s], shape (3,)
     spin: angular momentum about the centre of mass [N·m·s], shape (3,)
-    place_before, momentum_before, spin_before: a step before, shape (3,)
+    place_before, momentum_before, spin_before: values one step before, shape (3,)
     turn_before: rotation vector of the last step [rad], shape (3,)
-    step_before: length of the last step [s]; 0 starts anew
+    step_before: length of the last step [s]; 0: the next step is a first one
     """
 
     place: Array
@@ -125,7 +125,7 @@ class Moving:
 
 
 def at_rest(place: Array, rotation: Array) -> Moving:
-    """A body that has not moved."""
+    """Make the state of a body at rest."""
     none = np.zeros(3)
     return Moving(
         place=place, rotation=rotation, momentum=none, spin=none, place_before=place,
@@ -134,7 +134,7 @@ def at_rest(place: Array, rotation: Array) -> Moving:
 
 
 class Scheme(NamedTuple):
-    """Coefficients of a step: h·ẏ₁ = now·y₁ − last·y₀ + before·y₋₁, with h = `step` [s]."""
+    """BDF2 coefficients of a step: h·ẏ₁ = now·y₁ − last·y₀ + before·y₋₁, with h = `step` [s]."""
 
     now: float
     last: float
@@ -143,19 +143,20 @@ class Scheme(NamedTuple):
 
 
 def scheme(moving: Moving, step: float) -> Scheme:
-    """Coefficients of a body's next step [s]."""
+    """BDF2 coefficients of a body's next step [s]."""
     r = step / moving.step_before if moving.step_before > 0.0 else 0.0
     return Scheme((1.0 + 2.0 * r) / (1.0 + r), 1.0 + r, r * r / (1.0 + r), step)
 
 
 class Wanted(NamedTuple):
-    """What a body's inertia asks for at a guess of its pose.
+    """Inertial force and torque of a body at a guess of its pose, and their derivatives.
 
     Attributes
     ----------
-    force, torque: with which it would be where the guess says, negative [N, N·m], shape (3,)
-    mass: further force for a way from the guess [N/m]
-    inertia: further torque for a turn from it [N·m], shape (3, 3)
+    force, torque: inertial force [N] and torque [N·m] at the guess: minus the rates of momentum and
+        angular momentum, shape (3,)
+    mass: increase of the opposing force per displacement from the guess [N/m]
+    inertia: increase of the opposing torque per rotation from the guess [N·m], shape (3, 3)
     """
 
     force: Array
@@ -165,7 +166,7 @@ class Wanted(NamedTuple):
 
 
 def wanted(body: RigidBody, moving: Moving, s: Scheme, place: Array, rotation: Array) -> Wanted:
-    """Inertia of a step that ends near a guess of the pose in the world."""
+    """Inertial force and torque of a step that ends near a guess of the pose in the world."""
     momentum = body.mass * _rate(s, place, moving.place, moving.place_before)
     tensor = rotation @ np.diag(body.inertia) @ rotation.T
     spin = tensor @ _turning(s, moving, rotation)
@@ -181,9 +182,9 @@ def wanted(body: RigidBody, moving: Moving, s: Scheme, place: Array, rotation: A
 def carried(
     moving: Moving, s: Scheme, place: Array, rotation: Array, force: Array, torque: Array
 ) -> Moving:
-    """Body after a step to a pose, under a force and a torque about the centre of mass.
+    """Update a body by a step to a pose, under a force and a torque about the centre of mass.
 
-    Momentum and angular momentum are those that force and torque give.
+    Momentum and angular momentum follow from force and torque.
     """
     turn = rotation_vector(rotation @ moving.rotation.T)
     return Moving(
@@ -201,27 +202,28 @@ def carried(
 
 
 def kinetic_energy(body: RigidBody, moving: Moving) -> float:
-    """[J]."""
+    """Kinetic energy of a body [J]."""
     own = moving.rotation.T @ moving.spin
     turning = float((own**2 / np.array(body.inertia)).sum())
     return 0.5 * (float(moving.momentum @ moving.momentum) / body.mass + turning)
 
 
 def _rate(s: Scheme, now: Array, last: Array, before: Array) -> Array:
+    """Time derivative at the end of a step, from values at its ends and one step before."""
     return (s.now * now - s.last * last + s.before * before) / s.step
 
 
 def _turning(s: Scheme, moving: Moving, rotation: Array) -> Array:
-    """Angular velocity at the end of a step [rad/s], as the rate of its rotation vector.
+    """Angular velocity at the end of a step [rad/s], as the rate of the step's rotation vector.
 
-    The two differ by their cross product, which is of second order in the step.
+    The difference between the two is of second order in the step.
     """
     turn = rotation_vector(rotation @ moving.rotation.T)
     return np.asarray((s.now * turn - s.before * moving.turn_before) / s.step)
 
 
 def rotation_vector(rotation: Array) -> Array:
-    """Rotation vector [rad] of a rotation by less than half a turn, shape (3,)."""
+    """Rotation vector [rad] of a rotation matrix of less than half a turn, shape (3,)."""
     sine = 0.5 * np.array(
         [
             rotation[2, 1] - rotation[1, 2],
@@ -237,5 +239,5 @@ def rotation_vector(rotation: Array) -> Array:
 
 
 def rotation_by(vector: Array) -> Array:
-    """Rotation (3, 3) by a rotation vector [rad]."""
+    """Rotation matrix (3, 3) of a rotation vector [rad]."""
     return np.asarray(turned(np.eye(3), np.ascontiguousarray(vector, float)))

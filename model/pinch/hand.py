@@ -1,4 +1,4 @@
-"""The path of the hand that carries both fingertips."""
+"""Path of the hand that carries both fingertips."""
 
 import math
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Shake:
-    """A sine that is added to the hand's place; it grows over its first period, and dies so.
+    """Sine that is added to the hand's position; it grows in its first period, fades in its last.
 
     Attributes
     ----------
-    amplitude: [m], shape (3,)
-    frequency: [Hz]
-    start, stop: [s]
+    amplitude: amplitude along each axis [m], shape (3,)
+    frequency: frequency [Hz]
+    start, stop: first and last time [s]
     """
 
     amplitude: tuple[float, float, float]
@@ -35,7 +35,7 @@ class Shake:
             raise UserError("a shake must last for two periods or more")
 
     def at(self, time: float) -> Array:
-        """Way of the hand [m], shape (3,)."""
+        """Displacement of the hand at a time [m], shape (3,)."""
         if not self.start < time < self.stop:
             return np.zeros(3)
         periods = self.frequency * min(time - self.start, self.stop - time)
@@ -46,16 +46,16 @@ class Shake:
 
 @dataclass(frozen=True, kw_only=True)
 class HandPath:
-    """Pose of the hand over time, in the world's axes; at rest in every knot.
+    """Pose of the hand over time, in the world's axes; the hand is at rest at every knot.
 
-    Between knots its jerk is least, so that its acceleration is smooth.
+    Between knots it moves with minimum jerk, so that its acceleration is continuous.
 
     Attributes
     ----------
-    times: of the knots, increasing from 0 [s]
-    places: at the knots [m], each (3,)
-    turns: rotation vectors at the knots [rad], each (3,); empty is not turned
-    shake: added to the place; None is none
+    times: times of the knots, increasing from 0 [s]
+    places: positions at the knots [m], each (3,)
+    turns: rotation vectors at the knots [rad], each (3,); empty: no rotation
+    shake: sine that is added to the position; None: no shake
     """
 
     times: tuple[float, ...] = (0.0,)
@@ -72,7 +72,7 @@ class HandPath:
                 raise UserError(f"{name} of a hand's path must be {len(times)} finite points")
 
     def at(self, time: float) -> tuple[Array, Array]:
-        """Place [m] (3,) and rotation (3, 3) of the hand."""
+        """Position [m] (3,) and rotation matrix (3, 3) of the hand at a time [s]."""
         place = self._between(self.places, time)
         if self.shake is not None:
             place = place + self.shake.at(time)
@@ -81,6 +81,7 @@ class HandPath:
         return place, rotation_by(self._between(self.turns, time))
 
     def _between(self, values: tuple[tuple[float, float, float], ...], time: float) -> Array:
+        """Interpolate values at the knots with minimum jerk."""
         k = int(np.searchsorted(self.times, time, side="right")) - 1
         if k < 0 or k + 1 >= len(self.times):
             return np.array(values[max(k, 0)])
@@ -90,5 +91,5 @@ class HandPath:
 
 
 def _smooth(share: float) -> float:
-    """From 0 to 1 with the least jerk."""
+    """Minimum-jerk polynomial from 0 to 1."""
     return share**3 * (10.0 - 15.0 * share + 6.0 * share * share)

@@ -1,4 +1,4 @@
-"""What became of an object in a pinch: held, dropped, turned or crushed."""
+"""Outcome of a pinch for its object: held, dropped, turned or crushed."""
 
 import math
 from dataclasses import dataclass
@@ -22,13 +22,14 @@ Outcome = Literal["held", "dropped", "turned", "crushed"]
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What a grasp may do to its object.
+    """Limits of slide, turn and pressure that a grasp must keep.
 
     Attributes
     ----------
-    slide: beyond which it is dropped [m]
-    turn: about the axis of the pinch beyond which it is turned, the elastic twist apart [rad]
-    pressure: mean of a contact beyond which it is crushed [Pa]
+    slide: slide beyond which the object counts as dropped [m]
+    turn: turn about the axis of the pinch, without elastic twist, beyond which it counts as turned
+        [rad]
+    pressure: mean pressure of a contact beyond which it counts as crushed [Pa]
     """
 
     slide: float = 5e-3
@@ -42,16 +43,16 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class PinchRecord:
-    """A pinch so far.
+    """Slide, turn and pressure of an object in a pinch so far.
 
     Attributes
     ----------
-    slide: way of the object's origin in the hand across the axis of the pinch, the elastic way of
-        the skins apart [m]
-    turn: of the object about that axis, the elastic twist apart [rad]
-    elastic: twist of both skins, their mean [rad]
-    pressure: mean of the contact that is pressed more, see `mean_pressure` [Pa]
-    largest_turn, largest_pressure: so far
+    slide: displacement of the object's origin in the hand across the axis of the pinch, without the
+        elastic displacement of the skins [m]
+    turn: turn of the object about that axis, without elastic twist [rad]
+    elastic: mean elastic twist of both skins [rad]
+    pressure: mean pressure of the more pressed contact, see `mean_pressure` [Pa]
+    largest_turn, largest_pressure: largest values so far
     dropped: whether it slid too far, or left the fingertips above the table
     """
 
@@ -64,7 +65,7 @@ class PinchRecord:
     dropped: bool = False
 
     def outcome(self, limits: Limits) -> Outcome:
-        """The worst that has happened so far."""
+        """Worst outcome so far."""
         if self.dropped:
             return "dropped"
         if self.largest_pressure > limits.pressure:
@@ -79,7 +80,7 @@ def follow_pinch(
     fields: tuple[ForceField, ForceField],
     limits: Limits,
 ) -> PinchRecord:
-    """Record after a step.
+    """Update a record by the state after a step.
 
     Parameters
     ----------
@@ -91,7 +92,7 @@ def follow_pinch(
     elastic = 0.5 * (skins[0][1] - skins[1][1])
     way = 0.5 * (skins[0][0] + FACING * skins[1][0])
     place = state.first.place
-    # The fingertips' axes are the hand's, so across them a place is the same in both.
+    # Fingertip axes are those of the hand, so x and y of a position are the same in both.
     moved = place[:2] - np.array(pinch.beside) - way[:2]
     slide = float(np.linalg.norm(moved))
     r = state.first.rotation
@@ -114,10 +115,10 @@ def follow_pinch(
 
 
 def mean_pressure(dome: SoftBody, field: ForceField) -> float:
-    """Mean pressure of a contact [Pa]; 0 with nothing in contact.
+    """Mean pressure of a contact [Pa]; 0 without contact.
 
-    It is 8/9 of ΣFn·p/ΣFn, each node's force times its pressure. For a contact of Hertz this is ΣFn
-    over its area, and it does not jump where a ring of nodes joins the contact.
+    It is 8/9 of Σ(Fn·p)/ΣFn, with force Fn and pressure p of each node. For a Hertz contact this is
+    ΣFn over its area, and it does not jump where a ring of nodes joins the contact.
     """
     on = field.contact
     if not on.any():
@@ -127,7 +128,7 @@ def mean_pressure(dome: SoftBody, field: ForceField) -> float:
 
 
 def _moved(dome: SoftBody, state: DomeState, field: ForceField) -> tuple[Array, float]:
-    """Mean way of the skin in contact [m] and its twist about z [rad], by the normal forces."""
+    """Displacement of the skin in contact [m] and its twist about z [rad], weighted by Fn."""
     on = field.contact
     if not on.any():
         return np.zeros(3), 0.0

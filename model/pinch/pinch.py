@@ -27,22 +27,22 @@ class Pinch:
     """Two fingertips, an object and a hand.
 
     The world's axes are those of the hand at the start: x is down, along gravity, and z goes from
-    the first fingertip to the second one. The first fingertip has the hand's axes; the second one
-    is turned by half a turn about x, so that both feel a weight along their own +x.
+    the first fingertip to the second. The first fingertip has the hand's axes. The second one is
+    rotated by half a turn about x, so that a weight acts along +x of both.
 
     Attributes
     ----------
     first, second: fingertips
     solid: shape and material of the object
-    body: its mass
-    filling: what is added to it over time; None is nothing
-    hand: its path
+    body: mass properties of the object
+    filling: mass that is added to it over time; None: no mass is added
+    hand: path of the hand
     turned: rotation vector of the object at the start [rad]
-    beside: place of the object's origin beside the axis of the pinch, along x and y [m]
-    drag: damper of each fingertip's way [N·s/m]
-    gravity: [m/s²]
-    table: whether the object stands on one that holds it until it is lifted. The table pushes
-        along x through the centre of mass: it has no friction and holds no torque
+    beside: offset of the object's origin from the axis of the pinch, along x and y [m]
+    drag: damper of each fingertip against the closing drive [N·s/m]
+    gravity: acceleration of gravity [m/s²]
+    table: whether the object stands on a table until it is lifted. The table pushes along x through
+        the centre of mass; it has no friction and holds no torque
     """
 
     first: SoftBody
@@ -67,7 +67,7 @@ class Pinch:
             raise UserError(f"a pinch needs an object with an end: not a {self.solid.shape.name}")
 
     def body_at(self, time: float) -> RigidBody:
-        """The body with what has been added to it at a time [s]."""
+        """Mass properties of the object at a time [s], with the added mass."""
         body = self.body
         if self.filling is None:
             return body
@@ -77,21 +77,21 @@ class Pinch:
 
     @property
     def down(self) -> Array:
-        """Direction of gravity, shape (3,)."""
+        """Unit vector along gravity, shape (3,)."""
         gravity = np.array(self.gravity)
         return np.asarray(gravity / np.linalg.norm(gravity))
 
     @property
     def table_stiffness(self) -> float:
-        """Of the table under the centre of mass [N/m]."""
+        """Stiffness of the table under the centre of mass [N/m]."""
         gives = 10e-6  # how far a body's weight presses into the table [m]
         return self.body.mass * float(np.linalg.norm(self.gravity)) / gives
 
 
 def bases(pinch: Pinch) -> tuple[Array, Array]:
-    """Places of the fingertips' centres in the hand, where both just touch the object, (3,).
+    """Positions of the fingertips' centres in the hand [m], (3,), where both touch the object.
 
-    The object's origin is at the hand's, moved by `beside`.
+    The object's origin is at that of the hand, moved by `beside`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A pinch over time: the object's way, and what both fingertips and the table did to it."""
+"""Simulation of a pinch over time: motion of the object, and all forces on it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,19 +18,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class PinchRun:
-    """What happened in a pinch, at the end of each of K steps.
+    """Record of a pinch, at the end of each of K steps.
 
     Attributes
     ----------
-    times: [s], shape (K,)
-    places, rotations: of the object in the hand, shapes (K, 3) [m] and (K, 3, 3)
-    closings: way on which both fingertips have closed [m], shape (K,)
-    forces: of the object on the first and the second fingertip, in the hand's axes [N], (K, 2, 3)
+    times: time at the end of each step [s], shape (K,)
+    places, rotations: poses of the object in the hand, shapes (K, 3) [m] and (K, 3, 3)
+    closings: distance by which each fingertip has closed [m], shape (K,)
+    forces: forces of the object on both fingertips, in the hand's axes [N], shape (K, 2, 3)
     supports: force of the table [N], shape (K,)
-    moving: object in the world
+    moving: state of motion of the object in the world
     energies: kinetic and potential energy of the object [J], shape (K, 2)
-    counts: what each step took
-    end: the last state
+    counts: counts of each step
+    end: last state
     """
 
     times: Array
@@ -57,14 +57,15 @@ def simulate_pinch(
     dt: float = 5e-3,
     start: PinchState | None = None,
 ) -> PinchRun:
-    """Close two fingertips on an object and move the hand.
+    """Simulate two fingertips that close on an object, and a hand that moves.
 
     Parameters
     ----------
+    pinch: fingertips, object and hand
     duration: time at the end [s]
-    grip: force of the drive [N] at a time [s]
+    grip: function that returns the force of the drive [N] at a time [s]
     dt: longest step [s]
-    start: state to go on from; None is at rest
+    start: state to start from; None: rest
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a step of a pinch starts from, and how it is kept in a file."""
+"""State from which a step of a pinch starts, and its files."""
 
 import math
 import os
@@ -23,18 +23,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class PinchState:
-    """All that a step of a pinch starts from.
+    """Everything that a step of a pinch starts from.
 
     Attributes
     ----------
-    time: [s]
-    first, second: fingertips, each in its own frame; `velocity` of the object is not used
-    moving: object in the world
-    closing: way on which both fingertips have closed [m]
-    drift: velocity of the object in the hand in the last step [m/s, rad/s], shape (6,)
+    time: time of the state [s]
+    first, second: states of the fingertips, each in its own frame; `velocity` is not used
+    moving: state of motion of the object in the world
+    closing: distance by which each fingertip has closed [m]
+    drift: velocity [m/s] and angular velocity [rad/s] of the object in the hand in the last step,
+        shape (6,)
     support: force of the table, against gravity [N]
-    level: height of the table, of the object's centre of mass along gravity [m]
-    came: way that object and skins came since nodes were looked for [m]; infinite looks anew
+    level: coordinate of the centre of mass along gravity at which the table starts to push [m]
+    came: distance that object and skins have moved since the active nodes were chosen [m];
+        infinite: choose them in the next step
     """
 
     time: float
@@ -49,7 +51,7 @@ class PinchState:
 
 
 def pinch_rest(pinch: Pinch) -> PinchState:
-    """State at the start: both fingertips just touch, nothing moves.
+    """State at the start: both fingertips just touch the object, nothing moves.
 
     Raises
     ------
@@ -76,6 +78,7 @@ def pinch_rest(pinch: Pinch) -> PinchState:
 
 
 def _untouched(dome: SoftBody, place: Array, rotation: Array) -> DomeState:
+    """State of an undeformed fingertip with the object at a pose."""
     count = len(lattice(dome).ring)
 
     def zeros() -> Array:
@@ -88,12 +91,12 @@ def _untouched(dome: SoftBody, place: Array, rotation: Array) -> DomeState:
     )  # fmt: skip
 
 
-#: Parts of a state that have fields of their own, with their type.
+#: Fields of a state that consist of several arrays, with their type.
 _PARTS: dict[str, Any] = {"first": DomeState, "second": DomeState, "moving": Moving}
 
 
 def save_pinch_state(path: str | os.PathLike[str], state: PinchState) -> None:
-    """Write a state to an .npz file, whole or not at all."""
+    """Write a state to an .npz file atomically."""
     arrays: dict[str, Any] = {}
     for each in fields(state):
         value = getattr(state, each.name)
@@ -106,11 +109,11 @@ def save_pinch_state(path: str | os.PathLike[str], state: PinchState) -> None:
 
 
 def load_pinch_state(path: str | os.PathLike[str]) -> PinchState:
-    """State from a file of `save_pinch_state`.
+    """Read a state from a file of `save_pinch_state`.
 
     Raises
     ------
-    UserError: for a file that is not one.
+    UserError: for any other file.
     """
     try:
         stored, values = read_arrays(Path(path), array_names(Path(path))), dict[str, Any]()
@@ -127,5 +130,5 @@ def load_pinch_state(path: str | os.PathLike[str]) -> PinchState:
 
 
 def _plain(array: Array) -> Any:
-    """An array, or the number that one without axes holds."""
+    """Return an array, or its value as a float if it has no axes."""
     return array if array.ndim else float(array)

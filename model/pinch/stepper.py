@@ -1,4 +1,4 @@
-"""A pinch, one step after another: two skins, one border of the object's pose and the closing."""
+"""Stepper of a pinch: two skins, coupled by the object's pose and the closing distance."""
 
 import math
 from typing import NamedTuple
@@ -24,13 +24,13 @@ Index = NDArray[np.int64]
 
 
 class Solved(NamedTuple):
-    """A step's solution.
+    """Solution of a step.
 
     Attributes
     ----------
-    place, rotation: of the object in the hand, (3,) [m] and (3, 3)
-    closing: [m]
-    moving: object in the world
+    place, rotation: pose of the object in the hand, (3,) [m] and (3, 3)
+    closing: distance by which each fingertip has closed [m]
+    moving: state of motion of the object in the world
     support: force of the table [N]
     """
 
@@ -63,12 +63,12 @@ class PinchStepper:
         self._now(state)
 
     def touch(self, solid: Solid) -> None:
-        """Go on with another material of the same object."""
+        """Change the material of the object, whose shape stays."""
         for skin in self.skins:
             skin.touch(solid)
 
     def restore(self, state: PinchState) -> None:
-        """Take over a state.
+        """Set all arrays from a state.
 
         Raises
         ------
@@ -79,12 +79,13 @@ class PinchStepper:
         self._now(state)
 
     def _now(self, state: PinchState) -> None:
+        """Set the values of a state that belong to no skin."""
         self.time, self.moving, self.closing = state.time, state.moving, state.closing
         self.drift, self.support, self.level = state.drift, state.support, state.level
         self.came = state.came
 
     def state(self) -> PinchState:
-        """Copy of everything that the next step starts from."""
+        """Copy everything that the next step starts from."""
         return PinchState(
             time=self.time, first=self.skins[0].state(), second=self.skins[1].state(),
             moving=self.moving, closing=self.closing, drift=self.drift, support=self.support,
@@ -92,12 +93,12 @@ class PinchStepper:
         )  # fmt: skip
 
     def pose(self) -> tuple[Array, Array]:
-        """Place [m] and rotation of the object in the hand, (3,) and (3, 3)."""
+        """Position [m] (3,) and rotation matrix (3, 3) of the object in the hand."""
         skin = self.skins[0]
         return skin.place + self._base(0, self.closing), skin.rotation
 
     def advance(self, until: float, grip: float) -> StepCount:
-        """Step to a time under a grip of the drive [N], in halves where it does not converge.
+        """Step to a time [s] under a grip force of the drive [N], in halves until it converges.
 
         Raises
         ------
@@ -110,6 +111,7 @@ class PinchStepper:
         return count
 
     def _attempt(self, until: float, grip: float, depth: int) -> StepCount:
+        """Make a step that is halved `depth` times so far, or its halves."""
         before = self.state()
         place, _ = self.pose()
         count = self._solve(until, grip)
@@ -138,6 +140,7 @@ class PinchStepper:
         )
 
     def _solve(self, until: float, grip: float) -> StepCount:
+        """Solve one step and take it over, whatever its error."""
         step = until - self.time
         lags = [skin.dome.relaxation / step for skin in self.skins]
         s, hand = scheme(self.moving, step), self.pinch.hand.at(until)
@@ -193,7 +196,7 @@ class PinchStepper:
         grip: float,
         stands: bool,
     ) -> tuple[Array, Array]:
-        """M of the object's pose in the hand and of the closing, and what moves them freely."""
+        """Inertia matrix (7, 7) of pose and closing distance, and wrench (7,) that drives them."""
         origin, turn = hand
         arm = rotation @ self._centre
         centre = origin + turn @ (place + arm)
@@ -218,7 +221,7 @@ class PinchStepper:
         return inertia, wrench
 
     def _pushed(self, centre: Array) -> float:
-        """Force of the table with the centre of mass there [N]; negative where it is above it."""
+        """Force of the table for a position of the centre of mass [N]; negative above the table."""
         return self.pinch.table_stiffness * (float(self.pinch.down @ centre) - self.level)
 
     def _carried(
@@ -229,9 +232,9 @@ class PinchStepper:
         contact: Contact,
         outcome: Outcome,
     ) -> tuple[Solved, float, float]:
-        """Object at the end of a step, the share its inertia lacks there, and what the table does.
+        """Object at the end of a step, its relative imbalance there, and force of the table [N].
 
-        The last is the force of a table that could pull, too [N].
+        This force is negative where the object is above the table.
         """
         place, rotation, closing = at
         origin, turn = hand
@@ -267,6 +270,7 @@ class PinchStepper:
         lags: list[float],
         old: tuple[Array, Array],
     ) -> None:
+        """Set the state from a step's solution."""
         step = until - self.time
         turn = rotation_vector(found.rotation @ old[1].T)
         self.drift = np.concatenate([found.place - old[0], turn]) / step
@@ -299,6 +303,7 @@ class PinchStepper:
         wrench: Array,
         warm: bool,
     ) -> tuple[float, int, int, int]:
+        """Run the solver: relative error, rounds, products and touching nodes."""
         place, rotation, closing = at
         first, second = self.skins
         pose = Pose(first.rotation, first.place, rotation, place - self._base(0, closing))
@@ -314,7 +319,7 @@ class PinchStepper:
         return answer
 
     def _contact(self, lags: list[float], guess: Outcome | None) -> tuple[Contact, Outcome]:
-        """Nodes of both fingertips along the hand's axes, each from its own base."""
+        """Active nodes of both fingertips in the hand's axes, relative to each own centre."""
         first, second = (skin.contact(lag) for skin, lag in zip(self.skins, lags, strict=True))
         own = FACING[:, None] * second.own * FACING
         contact = Contact(
@@ -336,17 +341,18 @@ class PinchStepper:
         return contact, Outcome(linear, a, b, c, d, np.zeros(7))
 
     def _find(self, place: Array, rotation: Array, closing: float) -> None:
-        """Take new nodes into the unknowns where the object comes near them."""
+        """Choose the active nodes again where the object comes near inactive ones."""
         for k, skin in enumerate(self.skins):
             axes = _axes(k)
             skin.find(axes[:, None] * rotation, axes * (place - self._base(k, closing)))
 
     def _way(self, motion: Array) -> float:
-        """Way of the object's farthest point in a motion of its pose, and of the closing [m]."""
+        """Largest displacement of an object's point relative to a fingertip, by a motion [m]."""
         turn = math.sqrt(float(motion[3:6] @ motion[3:6])) * self._reach
         return math.sqrt(float(motion[:3] @ motion[:3])) + turn + float(abs(motion[6:]).sum())
 
     def _missed(self, place: Array, rotation: Array, closing: float) -> bool:
+        """Whether the object reached inactive nodes; if so, activate them."""
         missed = [
             skin.missed(_axes(k)[:, None] * rotation, _axes(k) * (place - self._base(k, closing)))
             for k, skin in enumerate(self.skins)
@@ -354,7 +360,7 @@ class PinchStepper:
         return any(missed)
 
     def _room(self) -> bool:
-        """Make room for the equations of both fingertips; whether their nodes have changed."""
+        """Allocate the equations of both fingertips; return whether their nodes have changed."""
         blocks = [skin.near for skin in self.skins]
         if self._blocks and all(a is b for a, b in zip(blocks, self._blocks, strict=True)):
             return False
@@ -368,17 +374,18 @@ class PinchStepper:
         return True
 
     def _base(self, k: int, closing: float) -> Array:
-        """Place of a fingertip's centre in the hand [m], shape (3,)."""
+        """Position of a fingertip's centre in the hand [m], shape (3,)."""
         out = self.bases[k].copy()
         out[2] += closing if k == 0 else -closing
         return out
 
 
 def _axes(k: int) -> Array:
-    """Signs of a fingertip's axes in the hand's."""
+    """Signs of fingertip k's axes in the hand's axes."""
     return FACING if k else np.ones(3)
 
 
 def _cross(arm: Array) -> Array:
+    """Matrix of the cross product with a vector from the left."""
     x, y, z = arm
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -1,4 +1,4 @@
-"""Renderers, the coverage of pixels that they share, and the labels of their images.
+"""Renderers, their common model of pixel coverage, and the labels of their images.
 
 `painter` is the default, `mesh_renderer` draws with OpenGL, `supersampled` is the slow reference.
 """

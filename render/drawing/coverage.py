@@ -1,4 +1,4 @@
-"""Coverage of a pixel by a blurred marker: the profile that is painted and looked for."""
+"""Coverage of a pixel by a blurred marker: the profile that is painted and that trackers fit."""
 
 import math
 
@@ -31,7 +31,7 @@ _ZERO = np.float32(0.0)
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
 _TWO = np.float32(2.0)
-#: Least square under a root in a denominator.
+#: Lower bound of the radicand of a root in a denominator.
 _LITTLE = np.float32(1e-6)
 #: Odds ratio of edges that face each other; a smaller one is below float32's rounding.
 _FACING = 1e-3
@@ -39,23 +39,23 @@ _FACING = 1e-3
 SIDE_BY_SIDE = 1e6
 #: Edges further apart than this many standard deviations do not meet.
 APART = 4.0
-#: Odds ratios are this power of √η at Φ₂(0, 0): so they fit all of Φ₂ best, instead of its middle.
+#: Exponent of √η at Φ₂(0, 0) in the odds ratio; it fits all of Φ₂ best. 2 fits its middle exactly.
 _STEEPER = 2.22
 
 
 def edge_width(blur: float) -> float:
-    """Standard deviation of an edge: lens blur [px] and the pixel's own box of variance 1/12.
+    """Standard deviation of an edge [px]: lens blur and the pixel's box, of variance 1/12.
 
     Parameters
     ----------
-    blur: standard deviation of the lens [px]
+    blur: standard deviation of the lens blur [px]
     """
     return math.sqrt(blur**2 + 1.0 / 12.0)
 
 
 @njit(inline="always")
 def edge(inside: np.float32) -> np.float32:
-    """Coverage at a signed distance inside the edge, in EDGE_RANGE standard deviations."""
+    """Coverage at a distance inside the edge, in units of EDGE_RANGE standard deviations."""
     u = min(max(inside, -_ONE), _ONE)
     t = u * u
     q = t * t  # in three short chains instead of a long one, which processors wait for
@@ -65,7 +65,7 @@ def edge(inside: np.float32) -> np.float32:
 
 @njit(inline="always")
 def edge_slope(inside: np.float32) -> np.float32:
-    """Derivative of `edge`; 0 beyond its range."""
+    """Derivative of `edge` with respect to `inside`; 0 beyond its range."""
     u = min(max(inside, -_ONE), _ONE)
     t = u * u
     q = t * t
@@ -77,13 +77,14 @@ def edge_slope(inside: np.float32) -> np.float32:
 def signed_distance(
     dx: float, dy: float, inverse: Array, correction: float
 ) -> tuple[float, float, float]:
-    """First-order distance of an offset from its centre to an ellipse's edge, positive inside.
+    """First-order distance from a point to an ellipse's edge, positive inside.
 
     Parameters
     ----------
-    dx, dy: offset from the centre [px]
+    dx, dy: offset of the point from the ellipse's centre [px]
     inverse: inverse of the matrix whose columns are the semi-axes [1/px], shape (2, 2)
-    correction: s²/2 [px²]; blurring a curved edge moves its half level inwards by that over R
+    correction: s²/2 [px²], s the blur; it moves the half level of an edge of radius R inwards by
+        s²/(2R)
 
     Returns
     -------
@@ -102,18 +103,19 @@ def signed_distance(
 
 @njit()
 def togetherness(first: Array, second: Array) -> float:
-    """Odds ratio of the edges of two discs where they cross; NaN if a disc is missing.
+    """Odds ratio η of the edges of two discs where they cross; NaN if a disc is missing.
 
-    A lens blurs the light that both dyes leave, not each dye. Two straight edges whose normals have
-    the cosine ρ both cover the share Φ₂(d₁, d₂; ρ) of the blur. Plackett's distribution (1965) with
-    the odds ratio η is algebraic and nearly the same. η is 1 for edges that cross at right angles,
-    where both cover the product of the coverages; ∞ for edges that run side by side, where both
-    cover the smaller coverage; 0 for edges that face each other, where both cover nothing. For this
-    η it is within 0.012 of Φ₂ everywhere.
+    It determines the share of a pixel that both discs cover, see `covered_by_both`. A lens blurs
+    the light behind both dyes, not each dye. Two straight edges at distances d₁ and d₂, with the
+    cosine ρ between their normals, both cover the share Φ₂(d₁, d₂; ρ) of the blur (bivariate normal
+    distribution). Plackett's distribution (1965) with the odds ratio η is algebraic and within
+    0.012 of Φ₂. η is 1 for edges that cross at right angles: both cover the product of the
+    coverages. It is ∞ for edges side by side: both cover the smaller coverage. It is 0 for edges
+    that face each other: both cover nothing.
 
     Parameters
     ----------
-    first, second: (c, a₁, a₂, …) of the outlines [px], shape (at least 3, 2)
+    first, second: coefficients (c, a₁, a₂, …) of the outlines [px], shape (3 or more, 2)
     """
     r2 = abs(first[1, 0] * first[2, 1] - first[2, 0] * first[1, 1])
     s2 = abs(second[1, 0] * second[2, 1] - second[2, 0] * second[1, 1])
@@ -126,14 +128,14 @@ def togetherness(first: Array, second: Array) -> float:
 def crossing(r2: float, s2: float, apart2: float) -> float:
     """Cosine of the angle at which two circles cross, from squared radii and distance [px²].
 
-    Those that do not cross have parallel edges where they are next to each other.
+    If they do not cross, their nearest edges are parallel: the cosine is 1 or −1.
     """
     return min(max((r2 + s2 - apart2) / (2.0 * math.sqrt(r2 * s2)), -1.0), 1.0)
 
 
 @njit()
 def odds_ratio(angle: float) -> float:
-    """Odds ratio of edges whose normals are at this angle [rad], see `togetherness`."""
+    """Odds ratio of edges whose normals enclose an angle [rad], see `togetherness`."""
     # Φ₂(0, 0; ρ), from which √η follows.
     both = max(0.5 - angle / (2.0 * math.pi), 0.0)
     root = 2.0 * both / max(1.0 - 2.0 * both, 1e-9)
@@ -142,12 +144,12 @@ def odds_ratio(angle: float) -> float:
 
 @njit(inline="always")
 def covered_by_both(first: np.float32, second: np.float32, odds: np.float32) -> np.float32:
-    """Share of a pixel that two markers both cover.
+    """Share of a pixel that is covered by both of two markers.
 
     Parameters
     ----------
-    first, second: share that each covers
-    odds: of `togetherness`
+    first, second: share that each marker covers
+    odds: odds ratio of their edges, see `togetherness`
     """
     more, apart = odds - _ONE, first - second
     either = first + second - _TWO * first * second
@@ -158,7 +160,7 @@ def covered_by_both(first: np.float32, second: np.float32, odds: np.float32) -> 
 
 @njit(inline="always")
 def covered_slope(first: np.float32, second: np.float32, odds: np.float32) -> np.float32:
-    """Derivative of `covered_by_both` by the first coverage."""
+    """Derivative of `covered_by_both` with respect to the first coverage."""
     more, apart = odds - _ONE, first - second
     either = first + second - _TWO * first * second
     root = np.sqrt(max(_ONE + _TWO * more * either + more * more * apart * apart, _LITTLE))
@@ -167,13 +169,13 @@ def covered_slope(first: np.float32, second: np.float32, odds: np.float32) -> np
 
 @njit(inline="always")
 def beside(first: np.float32, second: np.float32, share: np.float32) -> np.float32:
-    """Light that two pairs side by side leave over.
+    """Share of light that passes two neighbouring marker pairs.
 
     Parameters
     ----------
-    first, second: light that each alone leaves over
+    first, second: share of light that passes each pair alone
     share: coverage by both pairs over the product of their coverages: 0 where their edges face each
-        other, so that their absorptions add up; 1 where one lies on the other
+        other, so that absorptions add up; 1 where one lies on the other, so that light multiplies
     """
     return first + second - _ONE + share * (_ONE - first) * (_ONE - second)
 
@@ -182,7 +184,7 @@ def beside(first: np.float32, second: np.float32, share: np.float32) -> np.float
 def shared_coverage(
     first: NDArray[np.float32], second: NDArray[np.float32], angle: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """`covered_by_both` of images (H, W) of coverage, and of the angle between edges [rad]."""
+    """Apply `covered_by_both` to images (H, W) of coverages and of the angle of the edges [rad]."""
     shared = np.empty_like(first)
     for y in range(first.shape[0]):
         for x in range(first.shape[1]):

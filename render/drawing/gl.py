@@ -10,6 +10,7 @@ from ...extras import missing
 #: Command that installs the libraries for an off-screen context on Debian.
 MEND = "sudo apt-get install libegl1 libgl1 libgl1-mesa-dri libxrender1"
 
+#: Program of the subprocess: it fails if no off-screen context can be opened.
 _PROBE = """
 import pyrender
 renderer = pyrender.OffscreenRenderer(8, 8)
@@ -21,13 +22,13 @@ renderer.delete()
 
 
 def prepare() -> None:
-    """Choose off-screen rendering; call it before the first import of pyrender."""
+    """Select off-screen rendering; call this before the first import of pyrender."""
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 
 
 @lru_cache(maxsize=1)
 def gl_problem() -> str | None:
-    """Why there is no off-screen OpenGL, in a few words; None when there is."""
+    """Test off-screen OpenGL; return the reason if it does not work, else None."""
     absent = missing("gl")
     if absent is not None:
         return absent

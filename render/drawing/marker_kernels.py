@@ -1,7 +1,7 @@
-"""Compiled coverage: which share of each pixel markers cover. `painter.py` documents the use.
+"""Compiled coverage: the share of each pixel that markers cover. `painter.py` documents the use.
 
-Pixels of a pair are kept in blocks of LANES: those that it reaches in the first row of its box,
-then those in the second one, and so on.
+The pixels of a pair are stored in blocks of LANES: the blocks that it reaches in the first row of
+its box, then those in the second row, and so on.
 """
 
 import math
@@ -15,15 +15,15 @@ from .coverage import EDGE_RANGE, edge, togetherness
 
 Array = NDArray[np.float64]
 
-#: Side of the squares that the image is drawn in [px].
+#: Side of the square tiles in which the image is drawn [px].
 TILE = 16
-#: Pixels of a row that are worked on together.
+#: Number of pixels of a row that are processed together.
 LANES = 8
-#: Numbers kept of each marker: c (2), A⁻¹ (4), A⁻¹·b (6); the width of its rows: slope of their
-#: middles, half the width of the middle row, half the height (3); in the first layer also
-#: `togetherness` of both layers' edges (1). NaN if it is not visible.
+#: Number of parameters of a marker: c (2), A⁻¹ (4), A⁻¹·b (6), extent of its rows (3: slope of the
+#: line through their middles, half width of the middle row, half height), and in the first layer
+#: `togetherness` of both layers' edges (1). All are NaN if it is not visible.
 NUMBERS = 16
-#: Largest second-order part of an outline; beyond it the series does not hold, and it is cut off.
+#: Bound of the second-order part of an outline; the series does not hold beyond it.
 _MAX_BEND = 0.4
 
 
@@ -31,16 +31,16 @@ _MAX_BEND = 0.4
 def prepare(
     coefficients: Array, width: float, square: bool, shape: Any, numbers: Any, boxes: Any
 ) -> None:
-    """Inverse maps of outlines, and boxes of pairs.
+    """Compute the parameters of markers and the bounding boxes of pairs.
 
     Parameters
     ----------
-    coefficients: of `outlines.outlines`, shape (L, M, 6, 2)
+    coefficients: outlines of M markers in each of L layers, see `outlines.outlines`, (L, M, 6, 2)
     width: standard deviation of the edge [px]
     square: whether markers are squares, else discs
-    shape: of the image, (H, W)
-    numbers: result, shape (L, M, NUMBERS), float32
-    boxes: result, (x0, x1, y0, y1) of the pixels that a pair of markers reaches, shape (M, 4)
+    shape: size of the image, (H, W)
+    numbers: result: parameters, see NUMBERS, float32, shape (L, M, NUMBERS)
+    boxes: result: (x0, x1, y0, y1) of the pixels that a pair reaches, shape (M, 4)
     """
     for k in range(coefficients.shape[1]):
         _prepare_pair(coefficients[:, k], width, square, shape, numbers[:, k], boxes[k])
@@ -59,20 +59,20 @@ def prepare_changed(
     changed: NDArray[np.bool_],
     dirty: NDArray[np.bool_],
 ) -> tuple[int, int]:
-    """Prepare the pairs whose outlines have changed, and mark tiles that they reach or reached.
+    """Prepare the pairs whose outlines have changed, and mark the tiles that they reach or reached.
 
     Parameters
     ----------
-    coefficients, width, square, shape: of `prepare`, two layers
-    grid: that outlines are rounded to [px]
-    drawn: of all pairs as they were drawn last, rounded; those that have changed are replaced
-    numbers, boxes: of `prepare`; those of changed pairs are replaced
-    changed: result, shape (M,)
-    dirty: tiles are marked here
+    coefficients, width, square, shape: as in `prepare`, two layers
+    grid: step to which outlines are rounded [px]
+    drawn: rounded outlines that were drawn last; those of changed pairs are replaced
+    numbers, boxes: results of `prepare`; those of changed pairs are replaced
+    changed: result: whether each pair has changed, shape (M,)
+    dirty: whether each tile must be redrawn; tiles are set here
 
     Returns
     -------
-    Most rows and most columns of the changed pairs' boxes.
+    Largest number of rows and of columns of the changed pairs' boxes.
     """
     to, high, wide = 1.0 / grid, 0, 0
     for k in range(coefficients.shape[1]):
@@ -107,7 +107,7 @@ def _mark(box: Any, dirty: NDArray[np.bool_]) -> None:
 def _prepare_pair(
     coefficients: Array, width: float, square: bool, shape: Any, numbers: Any, box: Any
 ) -> None:
-    """`prepare` of one pair, shapes (L, 6, 2), (L, NUMBERS) and (4,)."""
+    """Do `prepare` for one pair; shapes (L, 6, 2), (L, NUMBERS) and (4,)."""
     reach = EDGE_RANGE * width
     layers = coefficients.shape[0]
     box[:] = 0
@@ -159,18 +159,18 @@ def cover_pair(
 
     Parameters
     ----------
-    numbers, box: of `prepare`, of this pair, shapes (L, NUMBERS) and (4,)
-    width, square: as there
-    ramp: 0, 1, 2, …, as many as a row has pixels. Read, not converted from the loop's counter,
-        which takes as long as all the rest.
-    spans: result, of each row of the box its first and last + 1 block, counted from the image's
-        edge, and the blocks of the rows above it, shape (S, 3)
-    covered: result, by each layer, of each pixel of these blocks, shape (L, P); a third row of
-        squares is what both layers cover
+    numbers, box: results of `prepare` for this pair, shapes (L, NUMBERS) and (4,)
+    width, square: as in `prepare`
+    ramp: 0, 1, 2, … for the pixels of a row. Converting the loop counter instead takes as long as
+        all the rest.
+    spans: result: for each row of the box its first and last + 1 block, counted from the image's
+        edge, and the number of blocks in the rows above, shape (rows, 3)
+    covered: result: coverage of each pixel of these blocks by each layer, shape (L, pixels); for
+        squares a third row is the coverage by both layers
 
     Returns
     -------
-    Number of pixels of the blocks; the rest of `covered` is left as it was.
+    Number of pixels of the blocks; the rest of `covered` is unchanged.
     """
     if not (box[1] > box[0] and box[3] > box[2]):
         return 0
@@ -195,9 +195,9 @@ def cover_pair(
 
 @njit()
 def _row_spans(numbers: Any, box: Any, square: bool, spans: Any) -> int:
-    """Spans of the rows that a pair reaches, taken as an ellipse's; how many blocks they have."""
+    """Compute the spans of a pair's rows, as those of an ellipse; return the number of blocks."""
     one = np.float32(1.0)
-    spare = np.float32(0.1)  # [px]: the curve at a fixed distance from an ellipse is not quite one
+    spare = np.float32(0.1)  # [px]: a curve at a fixed distance from an ellipse is no ellipse
     left, right, rows = box[0], box[1] - 1, box[3] - box[2]
     for row in range(rows):
         spans[row, 0], spans[row, 1] = right // LANES, 0
@@ -227,14 +227,15 @@ def _row_spans(numbers: Any, box: Any, square: bool, spans: Any) -> int:
 
 @njit(inline="always")
 def _twelve(n: Any) -> Any:
+    """Parameters c, A⁻¹ and A⁻¹·b of a marker."""
     return n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]
 
 
 @njit()
 def _discs(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any) -> None:
-    """Coverage of a box by a disc's image.
+    """Compute the coverage of a box by the image of a disc.
 
-    In float32 and local variables throughout, so that it becomes vector code. Along a row q is a
+    It uses float32 and local variables only, so that the compiler vectorises it. Along a row q is a
     parabola in x.
     """
     # At the very centre, where the distance has no gradient: deep inside.
@@ -275,7 +276,7 @@ def _discs(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any) 
 
 @njit()
 def _squares(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any) -> None:
-    """Coverage of a box by a square's image: an edge profile along each side."""
+    """Compute the coverage of a box by the image of a square: an edge profile along each side."""
     one = np.float32(1.0)
     cx, cy, i00, i01, i10, i11, u0, v0, u1, v1, u2, v2 = _twelve(n)
     reach = np.float32(EDGE_RANGE * width)
@@ -302,7 +303,7 @@ def _squares(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any
 def _both_squares(
     n: Any, m: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any
 ) -> None:
-    """Coverage of a box by what two squares share: of parallel sides the inner ones."""
+    """Compute the coverage of a box by the overlap of two squares: the inner one of each side."""
     one, zero = np.float32(1.0), np.float32(0.0)
     cx, cy, i00, i01, i10, i11, _, _, _, _, _, _ = _twelve(n)
     dx, dy, j00, j01, j10, j11, _, _, _, _, _, _ = _twelve(m)

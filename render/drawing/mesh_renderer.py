@@ -1,8 +1,8 @@
 """The mesh renderer: both layers as triangles through OpenGL (pyrender).
 
 pyrender has no fisheye, its alpha is not subtractive and its shader relights colours. So vertices
-are projected here and drawn orthographically, each layer alone, flat and opaque, white on black;
-the picture is the layer's coverage. The dyes are multiplied before the lens' blur, as light does.
+are projected here, and each layer is drawn alone, orthographically, flat, opaque and white on
+black: this is the layer's coverage. Transmittances are multiplied before the blur of the lens.
 """
 
 import cv2
@@ -30,13 +30,13 @@ class MeshRenderer:
 
     Parameters
     ----------
-    sensor: design
-    oversampling: pixels drawn for one of the image, along each side
+    sensor: design of the sensor
+    oversampling: drawn pixels per image pixel along each side
 
     Raises
     ------
     UserError
-        When no off-screen OpenGL context can be made.
+        When no off-screen OpenGL context can be opened.
     """
 
     #: Pixels on which the lens' blur is computed, for one of the image along each side.
@@ -102,7 +102,7 @@ class MeshRenderer:
         return image
 
     def _collected(self, plane: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Mean of a blurred plane of finer pixels over each pixel, shape (H, W)."""
+        """Blur an image of finer pixels, and average it over each pixel, shape (H, W)."""
         size = (self._view.width, self._view.height)
         fine = (self._fine * size[0], self._fine * size[1])
         fewer = cv2.resize(plane, fine, interpolation=cv2.INTER_AREA)
@@ -110,7 +110,7 @@ class MeshRenderer:
         return np.asarray(cv2.resize(blurred, size, interpolation=cv2.INTER_AREA))
 
     def _coverage(self, pixels: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Coverage 0…1 of the finer pixels by triangles with these corners."""
+        """Draw a layer with vertices at `pixels`; return the coverage 0…1 of the finer pixels."""
         # OpenGL's y runs upwards, and its pixel edges, not centres, lie at integers.
         width, height = self._view.width, self._view.height
         vertices = np.column_stack(

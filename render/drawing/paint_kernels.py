@@ -1,7 +1,7 @@
-"""Compiled painting: tiles of the image, each finished in cache. `painter.py` documents the use.
+"""Compiled painting of an image in tiles that fit the cache. `painter.py` documents the use.
 
-A tile's pixels depend only on the markers that reach into it, in their order: an image of which
-changed tiles alone were redrawn is, bit for bit, the image redrawn in full.
+A tile's pixels depend only on the markers that reach into it and on their order. So redrawing the
+changed tiles alone gives, bit for bit, the image that is redrawn in full.
 """
 
 import math
@@ -29,19 +29,19 @@ def update_pairs(
     left: NDArray[np.float32],
     hidden: NDArray[np.float32],
 ) -> None:
-    """Compute what each changed pair takes away of the light.
+    """Compute the light that passes each changed pair.
 
     Parameters
     ----------
-    numbers, boxes: of `prepare`, two layers
-    changed: of `mark_changes`
+    numbers, boxes: results of `prepare`, two layers of M markers
+    changed: whether each pair has changed, see `prepare_changed`, shape (M,)
     width, square: as in `prepare`
     absorbed: 1 − transmittance of each layer's dye, shape (2, 3)
-    ramp, covered: of `cover_pair`; room for any pair
-    spans: result, of `cover_pair`, shape (M, S, 3)
-    left: result, share of red, green and blue that the dyes leave over, of each pixel of a pair's
-        blocks, shape (M, 3·P)
-    hidden: result, share of each of these pixels that is covered by either layer, shape (M, P)
+    ramp, covered: see `cover_pair`; large enough for any pair
+    spans: result: spans of each pair, see `cover_pair`, shape (M, rows, 3)
+    left: result: share of red, green and blue that passes the dyes at each pixel of a pair's
+        blocks, shape (M, 3·pixels)
+    hidden: result: share of these pixels that is covered by either layer, shape (M, pixels)
     """
     one = np.float32(1.0)
     r0, g0, b0 = absorbed[0, 0], absorbed[0, 1], absorbed[0, 2]
@@ -53,7 +53,7 @@ def update_pairs(
             continue
         count = cover_pair(numbers[:, k], boxes[k], width, square, ramp, spans[k], covered)
         together = numbers[0, k, 15]
-        odds = together if together == together else one  # a lone marker has no partner
+        odds = together if together == together else one  # NaN: only one layer's marker is visible
         light, cover = left[k], hidden[k]
         for j in range(count):
             c0, c1 = first[j], second[j]
@@ -82,18 +82,18 @@ def paint_tiles(
 
     Parameters
     ----------
-    image: sRGB, drawn into, shape (H, 3·W)
-    clear: sRGB without markers, shape (H, 3·W)
-    ground: linear light without markers, not negative, of each tile, shape (T, TILE, 3·TILE):
-        a tile's is read in one piece
-    numbers, boxes: of `prepare`, two layers
-    spans, left, hidden: of `update_pairs`
+    image: sRGB image to draw into, shape (H, 3·W)
+    clear: sRGB image without markers, shape (H, 3·W)
+    ground: linear light without markers, not negative, tile by tile so that a tile is contiguous,
+        shape (tiles, TILE, 3·TILE)
+    numbers, boxes: results of `prepare`, two layers
+    spans, left, hidden: results of `update_pairs`
     encoding: `colour.encoding_table()`
-    dirty: tiles to draw
+    dirty: whether each tile must be redrawn
     width: standard deviation of an edge [px]
     """
     rows, cols = dirty.shape
-    # Pairs of each dirty tile, by counting: ends[t] − ends[t − 1] of them, in their order.
+    # Counting sort: pairs of dirty tile t are members[ends[t] : ends[t + 1]], in their order.
     ends = np.zeros(rows * cols + 1, dtype=np.int64)
     members = np.empty(0, dtype=np.int64)
     filled = ends
@@ -160,7 +160,7 @@ def _finish(
     encoding: NDArray[np.uint8],
     place: NDArray[np.uint32],
 ) -> None:
-    """Encode the tile at (x0, y0) with its ground; where no marker is, it is that of `clear`."""
+    """Encode the tile at (x0, y0) with its ground; copy pixels without markers from `clear`."""
     most, half = np.float32(encoding.shape[0] - 1), np.float32(0.5)
     # Unsigned indices need no check for negative ones: these loops vectorise.
     start, wide = np.uint64(3 * x0), np.uint64(3 * LANES)
@@ -172,7 +172,7 @@ def _finish(
             for j in range(min(np.uint64(light.shape[1]), np.uint64(image.shape[1]) - start)):
                 image[y, start + j] = clear[y, start + j]
             continue
-        for j in range(np.uint64(light.shape[1])):  # with its number it would not be vector code
+        for j in range(np.uint64(light.shape[1])):  # a tile index would stop vectorising
             value = ground[y - y0, j] * light[y - y0, j]  # dyes add no light
             place[j] = np.uint32(np.int32(value * most + half))
         for h in range(np.uint64(TILE // LANES)):
@@ -197,12 +197,13 @@ def union(
     spans: NDArray[np.int64],
     out: NDArray[np.float32],
 ) -> None:
-    """Share of each pixel that any marker of one layer covers, into zeros, shape (H, W).
+    """Compute the share of each pixel that any marker of one layer covers.
 
     Parameters
     ----------
-    numbers, boxes, width, square: of `prepare`, one layer
-    ramp, covered, spans: of `cover_pair`; room for any marker
+    numbers, boxes, width, square: as in `prepare`, one layer
+    ramp, covered, spans: see `cover_pair`; large enough for any marker
+    out: result, zeros before, shape (H, W)
     """
     one = np.float32(1.0)
     for k in range(boxes.shape[0]):
@@ -217,7 +218,7 @@ def union(
 
 @njit(inline="always")
 def _blocks(span: Any, tile: int) -> tuple[int, int]:
-    """First and last + 1 block of a row that lie in the tile which starts at block `tile`."""
+    """First and last + 1 block of a row inside the tile that starts at block `tile`."""
     return max(span[0] - tile, 0), min(span[1] - tile, TILE // LANES)
 
 
@@ -225,7 +226,7 @@ def _blocks(span: Any, tile: int) -> tuple[int, int]:
 def _absorb(
     k: int, x0: int, y0: int, y1: int, boxes: Any, spans: Any, left: Any, light: Any, touched: Any
 ) -> None:
-    """Take away what a pair's dyes absorb in the tile at (x0, y0), where no other one meets it."""
+    """Apply a pair's absorption to the tile at (x0, y0), in which no pairs meet."""
     tile = x0 // LANES
     for y in range(max(boxes[k, 2], y0), min(boxes[k, 3], y1)):
         span = spans[k, y - boxes[k, 2]]
@@ -255,9 +256,9 @@ def _absorb_beside(
     owner: Any,
     touched: Any,
 ) -> None:
-    """The same in a tile in which pairs meet, one pixel after the other.
+    """Apply a pair's absorption to a tile in which pairs meet, pixel by pixel.
 
-    `taken` is the share of a pixel that pairs cover so far, `owner` which of them covers most.
+    `taken` is the share of a pixel that pairs cover so far, `owner` the pair that covers most.
     """
     one, little, tile = np.float32(1.0), np.float32(1e-6), x0 // LANES
     partner, side = -1, one
@@ -284,8 +285,8 @@ def _absorb_beside(
 
 @njit()
 def _meet(members: Any, numbers: Any, width: float) -> bool:
-    """Whether edges of different pairs, of discs that reach into a tile, come close."""
-    reach = (APART - 2.0 * EDGE_RANGE) * width  # what is wide is wide with its edges
+    """Whether edges of different pairs that reach into a tile come close."""
+    reach = (APART - 2.0 * EDGE_RANGE) * width  # half widths of pairs include their edges
     for a in range(1, members.shape[0]):
         for b in range(a):
             for i in range(numbers.shape[0]):
@@ -300,13 +301,13 @@ def _meet(members: Any, numbers: Any, width: float) -> bool:
 
 @njit()
 def _side_by_side(numbers: Any, k: int, other: int) -> np.float32:
-    """Odds ratio of the edges of two pairs, where their discs are deepest in each other."""
+    """Odds ratio of the edges of two pairs, for those two discs that overlap most."""
     deepest = -1.0
     for i in range(numbers.shape[0]):
         n = numbers[i, k]
         for j in range(numbers.shape[0]):
             m = numbers[j, other]
-            # A marker that is not there is nowhere, and no larger than anything.
+            # A missing marker is NaN, and the comparison below is false.
             apart2 = (n[0] - m[0]) ** 2 + (n[1] - m[1]) ** 2
             r2, s2 = abs(n[2] * n[5] - n[3] * n[4]), abs(m[2] * m[5] - m[3] * m[4])
             if apart2 < 4.0 / min(r2, s2):
@@ -316,7 +317,7 @@ def _side_by_side(numbers: Any, k: int, other: int) -> np.float32:
 
 @njit()
 def encode(linear: NDArray[np.float32], table: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
-    """SRGB image (H, W, 3) of a linear-light one, by `colour.encoding_table`."""
+    """Encode a linear-light image (H, W, 3) as sRGB, with `colour.encoding_table`."""
     flat, result = linear.reshape(-1), out.reshape(-1)
     top = table.shape[0] - 1
     for i in range(flat.shape[0]):

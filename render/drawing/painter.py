@@ -1,4 +1,4 @@
-"""The fast renderer: analytic anti-aliased markers, whose dyes multiply in linear light."""
+"""The fast renderer: analytic anti-aliased markers; transmittances multiply in linear light."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +14,18 @@ from .paint_kernels import encode, paint_tiles, union, update_pairs
 
 Array = NDArray[np.float64]
 
-#: Outlines are rounded to this share of a pixel. So a marker that stands still is not drawn again,
-#: and an image does not depend on the one before it.
+#: Step to which outlines are rounded [px]. So a marker that stands still is not drawn again, and an
+#: image does not depend on the one before it.
 GRID = 1.0 / 1024.0
 
 
 class Painter:
-    """Draws each marker as the shape that it projects to; redraws only where one has moved.
+    """Draws each marker as its projected shape; redraws only where a marker has moved.
 
     Parameters
     ----------
-    sensor: design
-    redraw: draw every frame in full, to measure the time that this saves
+    sensor: design of the sensor
+    redraw: whether to draw every frame in full, which measures the time that redrawing saves
     """
 
     def __init__(self, sensor: SensorDesign, *, redraw: bool = False) -> None:
@@ -86,7 +86,7 @@ class Painter:
         return self._image.copy()
 
     def _forget(self, count: int) -> None:
-        """Start anew with another number of pairs."""
+        """Reset all arrays for another number of pairs."""
         self._drawn = np.full((2, count, 6, 2), np.inf)
         self._numbers = np.full((2, count, NUMBERS), np.nan, dtype=np.float32)
         self._boxes = np.zeros((count, 4), dtype=np.int64)
@@ -95,7 +95,7 @@ class Painter:
         self._make_room()
 
     def _make_room(self) -> "_Room":
-        """Make room for the largest pair, and find all pairs to be drawn anew."""
+        """Allocate arrays for the largest pair, and mark all pairs as changed."""
         self._room = room = _Room(self._boxes, 3 if self._square else 2)
         count, pixels = len(self._boxes), room.covered.shape[1]
         self._spans = np.empty((count, *room.spans.shape), dtype=np.int64)
@@ -105,17 +105,17 @@ class Painter:
         return room
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Do nothing: the painter holds nothing to release."""
 
 
 def coverage_image(
     coefficients: Array, width: float, square: bool, size: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Share of each pixel that is covered by any of the markers, as the painter draws them.
+    """Share of each pixel that is covered by any of K markers, as the painter draws them.
 
     Parameters
     ----------
-    coefficients: of `outlines`, shape (K, 6, 2)
+    coefficients: outlines of the markers, see `outlines`, shape (K, 6, 2)
     width: standard deviation of an edge [px]
     square: whether markers are squares, else discs
     size: height and width of the image [px]
@@ -135,7 +135,7 @@ def coverage_image(
 
 
 def _in_tiles(ground: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Image (H, W, 3) tile by tile, row after row of them, filled up with 0: (T, TILE, 3·TILE)."""
+    """Split an image (H, W, 3) into tiles, row by row, padded with 0: (tiles, TILE, 3·TILE)."""
     spare = [(0, -size % TILE) for size in ground.shape[:2]]
     rows = np.pad(ground, (*spare, (0, 0))).reshape(
         -1, TILE, (ground.shape[1] + spare[1][1]) // TILE, 3 * TILE
@@ -144,12 +144,12 @@ def _in_tiles(ground: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 class _Room:
-    """Arrays for one pair of up to the size of the largest of these, with a margin.
+    """Work arrays for one pair, as large as the largest of M pairs with a margin.
 
     Parameters
     ----------
-    boxes: of `prepare`, shape (M, 4)
-    rows: of coverage
+    boxes: boxes of the pairs, see `prepare`, shape (M, 4)
+    rows: rows of `covered`, see `cover_pair`
     """
 
     def __init__(self, boxes: NDArray[np.int64], rows: int) -> None:
@@ -162,5 +162,5 @@ class _Room:
         self.covered = np.empty((rows, high * wide), dtype=np.float32)
 
     def holds(self, shape: tuple[int, int]) -> bool:
-        """Whether a pair of so many rows and columns has room."""
+        """Whether a pair with that number of rows and columns fits."""
         return shape[0] <= self._size[0] and shape[1] <= self._size[1]

@@ -1,4 +1,4 @@
-"""Renderers by name: ours, installed plug-ins, and anybody's `module:Class`."""
+"""Renderers by name: built-in ones, installed plug-ins, and any `module:Class`."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -12,17 +12,17 @@ from ..membrane import Membrane
 
 
 class Renderer(Protocol):
-    """Draws the membranes of one sensor; made by `Class(sensor)`."""
+    """Draws the membranes of one sensor; constructed by `Class(sensor)`."""
 
     def render(self, membrane: Membrane) -> NDArray[np.uint8]:
         """Noise-free sRGB image, shape (H, W, 3).
 
-        The image depends on the membrane alone. The array is the caller's to change.
+        The image depends on the membrane alone. The caller may change the array.
         """
         ...
 
     def close(self) -> None:
-        """Release what the renderer holds."""
+        """Release the renderer's resources."""
         ...
 
 
@@ -43,19 +43,20 @@ RENDERERS = Registry(
 def open_renderer(
     choice: Choice, sensor: SensorDesign, arguments: Mapping[str, Any] | None = None
 ) -> Renderer:
-    """Renderer for one sensor; close it after the run.
+    """Make a renderer for one sensor; close it after the run.
 
     Parameters
     ----------
-    choice: name of ours or of an entry point, `module:Class`, or a class or other factory
-    sensor: that it draws
+    choice: name of a built-in renderer or of an entry point, `module:Class`, or a class or other
+        factory
+    sensor: sensor to draw
     arguments: further arguments of the class, by name
 
     Raises
     ------
     UserError
-        When there is none of that name, or it cannot be imported or made, as pyrender where no
-        OpenGL context can be opened.
+        When no renderer has that name, or it cannot be imported or made, such as pyrender without
+        an OpenGL context.
     """
     factory = RENDERERS.load(choice, arguments)
     renderer: Renderer

@@ -1,7 +1,6 @@
-"""Pictures by brute force: every outline projected point by point, every pixel sampled many times.
+"""Images by brute force: outlines are projected point by point, pixels are sampled many times.
 
-Slow, and without the coverage code of the other renderers: the reference that they are compared
-with.
+This is slow and shares no coverage code with the other renderers: it is their reference.
 """
 
 import cv2
@@ -17,9 +16,9 @@ from ..outlines import outline_points
 
 Array = NDArray[np.float64]
 
-#: Corners of an outline.
+#: Number of corners of an outline.
 CORNERS = 180
-#: Samples along a pixel's side.
+#: Number of samples along a pixel's side.
 SAMPLES = 9
 
 
@@ -33,7 +32,7 @@ def projected_outlines(sensor: SensorDesign, membrane: Membrane) -> Array:
 
 
 def polygon_centroids(corners: Array) -> Array:
-    """Centroids of polygons' areas, shape (…, 2), from corners (…, K, 2)."""
+    """Centroids of the areas of polygons, shape (…, 2), from their K corners, (…, K, 2)."""
     # Far from the origin the formula loses digits.
     start = corners[..., :1, :]
     x, y = np.moveaxis(corners - start, -1, 0)
@@ -60,7 +59,7 @@ def supersampled_image(sensor: SensorDesign, membrane: Membrane) -> NDArray[np.u
 
 
 def _fine_mask(sensor: SensorDesign, corners: Array) -> NDArray[np.uint8]:
-    """Samples that polygons (K, CORNERS, 2) cover, 255 there."""
+    """Rasterise K polygons [px], (K, CORNERS, 2), on the samples: 255 if covered, else 0."""
     polygon = need("skimage.draw", "images").polygon
     shape = (sensor.view.height * SAMPLES, sensor.view.width * SAMPLES)
     fine = np.zeros(shape, dtype=np.uint8)
@@ -73,7 +72,7 @@ def _fine_mask(sensor: SensorDesign, corners: Array) -> NDArray[np.uint8]:
 
 
 def _blurred(sensor: SensorDesign, fine: NDArray[np.uint8]) -> Array:
-    """Share of each pixel covered by samples after the lens has blurred them, shape (H, W)."""
+    """Blur the samples by the lens, and average them over each pixel, shape (H, W)."""
     image = cv2.GaussianBlur(
         fine.astype(np.float32) / 255.0, (0, 0), SAMPLES * sensor.camera.blur_px
     )

@@ -1,4 +1,4 @@
-"""Labels of an image: where every marker is, what each pixel shows, and how it has moved."""
+"""Labels of an image: place of every marker; coverage, motion and depth at every pixel."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,11 +31,11 @@ class MarkerTruth:
     pixels: projected centre of each marker [px], shape (2, M, 2)
     image_centres: centroid of each marker's outline in the image, which perspective moves off the
         projected centre [px], shape (2, M, 2)
-    areas: of the outlines [px²], shape (2, M)
-    visible: whether a marker is there, faces the camera and lies in the image, shape (2, M)
-    overlap: share of each magenta marker's image that yellow covers, shape (M,)
-    centres: of the markers in the sensor frame [m], shape (2, M, 3)
-    normals: of the markers, outwards, shape (2, M, 3)
+    areas: areas of the outlines [px²], shape (2, M)
+    visible: whether a marker exists, faces the camera and lies in the image, shape (2, M)
+    overlap: share of each magenta marker's image that its yellow partner covers, shape (M,)
+    centres: centres of the markers in the sensor frame [m], shape (2, M, 3)
+    normals: outward unit normals of the markers, shape (2, M, 3)
     """
 
     pixels: Array
@@ -49,15 +49,15 @@ class MarkerTruth:
 
 @dataclass(frozen=True, kw_only=True)
 class GroundTruth(MarkerTruth):
-    """Truth of one image: its markers, and every pixel.
+    """Truth of one image: its markers and every pixel.
 
     Attributes
     ----------
     masks: share of each pixel that a layer covers, float32, shape (2, H, W)
-    flow: motion in the image of the point of each layer that the pixel shows at rest [px], NaN off
-        the skin, float32, shape (2, H, W, 2)
-    depth: distance from the camera to the skin along each pixel's ray, refracted rays drawn out
-        straight [m]; NaN off the skin, float32, shape (H, W)
+    flow: motion in the image, since rest, of the point of each layer that the pixel shows at rest
+        [px]; NaN off the skin, float32, shape (2, H, W, 2)
+    depth: straight distance from the camera to the point of the skin that the pixel shows [m]; NaN
+        off the skin, float32, shape (H, W)
     """
 
     masks: NDArray[np.float32]
@@ -91,8 +91,8 @@ class TruthMap:
 
     Parameters
     ----------
-    sensor: design
-    body: nodes of a chain, how many or where, see `harmonic_map`; or silicone
+    sensor: design of the sensor
+    body: silicone body, or a chain's number of nodes or their places, see `harmonic_map`
     """
 
     def __init__(self, sensor: SensorDesign, body: int | Array | SoftBody) -> None:
@@ -118,7 +118,8 @@ class TruthMap:
 
         Parameters
         ----------
-        displacement: of a chain's nodes [m], (N, 2), or the forces on those of a dome [N], (N, 3)
+        displacement: displacements of a chain's nodes [m], (N, 2), or forces on a dome's nodes [N],
+            (N, 3)
         """
         return GroundTruth(
             **vars(marker_truth(self._sensor, membrane)),
@@ -130,7 +131,7 @@ class TruthMap:
     def images(
         self, names: Sequence[str], membrane: Membrane, displacement: Array
     ) -> dict[str, NDArray[np.float32]]:
-        """Only those of `masks`, `flow` and `depth` that are named; see `GroundTruth`."""
+        """Compute only the named ones of `masks`, `flow` and `depth`; see `GroundTruth`."""
         makers = {
             "masks": lambda: self._masks(membrane),
             "flow": lambda: self._flow(displacement),
@@ -153,21 +154,22 @@ class TruthMap:
         return flow
 
     def _depth(self, displacement: Array) -> NDArray[np.float32]:
-        """Distance to the deformed skin: that of the point whose image the pixel is.
+        """Distance from the camera to the point of the deformed skin that each pixel shows.
 
-        The deformed points under the resting pixels are a warped grid in the image; its distances
-        are read between them at the pixels.
+        The points that the pixels show at rest form a warped grid after deformation. Their
+        distances are interpolated to the pixels.
         """
         now = self._rest[2] + self._moved(displacement, 2)
         distance = np.linalg.norm(now - [0.0, 0.0, self._sensor.view.position], axis=-1)
         return self._seen(now, distance[:, None])[..., 0]
 
     def skin_image(self, displacement: Array, values: Array) -> NDArray[np.float32]:
-        """Values on the nodes of a dome (N, C) where the image shows them, NaN off the skin.
+        """Image of values on the nodes of a dome, NaN off the skin.
 
         Parameters
         ----------
         displacement: forces on the nodes [N], (N, 3)
+        values: C values at each node, (N, C)
 
         Returns
         -------
@@ -176,7 +178,7 @@ class TruthMap:
         return self._seen(self._rest[2] + self._moved(displacement, 2), self._moved.spread(values))
 
     def _seen(self, now: Array, values: Array) -> NDArray[np.float32]:
-        """Values (P, C) of the points of the skin that are now at `now`, at each pixel."""
+        """Interpolate values (P, C) of points of the skin, now at `now` (P, 3), to the pixels."""
         moved = np.zeros((*self._skin.shape, 2))
         moved[self._skin] = self._sensor.view.project(now) - self._pixels[self._skin]
         source = self._pixels.astype(np.float32)
@@ -198,13 +200,13 @@ class TruthMap:
 
 
 class ChainSheets:
-    """Both layers and the skin over a chain, as `DomeSheets` over silicone.
+    """Displacement of any places of both layers and the skin of a chain; see `DomeSheets`.
 
     Parameters
     ----------
-    sensor: design
-    nodes: of the chain, how many or where
-    under: places of each layer and of the skin, three arrays (P, 2)
+    sensor: design of the sensor
+    nodes: number of the chain's nodes, or their places
+    under: places of interest in each layer and on the skin, three arrays (P, 2)
     """
 
     def __init__(self, sensor: SensorDesign, nodes: int | Array, under: list[Array]) -> None:
@@ -212,16 +214,16 @@ class ChainSheets:
         self._follow = (*map(float, sensor.follow), 1.0)
 
     def __call__(self, displacement: Array, sheet: int) -> Array:
-        """Displacement of the places of a sheet (P, 3) [m], by that of the nodes (N, 2) [m]."""
+        """Displacements of a sheet's places [m], (P, 3), for those of the nodes [m], (N, 2)."""
         return np.asarray(self._follow[sheet] * self._maps[sheet].displacement(displacement))
 
     def spread(self, values: Array) -> Array:
-        """Refuse values of nodes, which do not lie all over the skin."""
+        """Raise TypeError: a chain's nodes do not cover the skin."""
         raise TypeError("only the skin of a dome has values in the image")
 
 
 def _sample(field: Array, places: NDArray[np.float32]) -> Array:
-    """Field (H, W, …) between its pixels, at places (H, W, 2)."""
+    """Interpolate an image (H, W, …) at places (H, W, 2) [px]."""
     return np.asarray(
         cv2.remap(
             field.astype(np.float32),
@@ -239,7 +241,7 @@ def overlap_share(coefficients: Array, square: bool) -> Array:
 
     Parameters
     ----------
-    coefficients: of `outlines`, magenta and yellow, shape (2, M, 6, 2)
+    coefficients: magenta and yellow outlines, see `outlines`, shape (2, M, 6, 2)
     square: whether markers are squares, else discs
     """
     magenta, yellow = np.ascontiguousarray(coefficients[:, :, :3])
@@ -248,7 +250,7 @@ def overlap_share(coefficients: Array, square: bool) -> Array:
 
 @lru_cache(maxsize=2)
 def _samples(square: bool) -> Array:
-    """Evenly spaced points of the unit square or disc, shape (2, K)."""
+    """Coordinates of K evenly spaced points of the unit square or disc, shape (2, K)."""
     samples = 24  # samples of a marker along each axis, for its overlap
     line = (np.arange(samples) + 0.5) / samples * 2.0 - 1.0
     q = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)

@@ -10,13 +10,13 @@ Array = NDArray[np.float64]
 
 @njit()
 def shares_inside(magenta: Array, yellow: Array, square: bool, samples: Array) -> Array:
-    """Share of points q of each magenta outline that lie within its yellow partner's, shape (M,).
+    """Share of each magenta outline's sample points inside its yellow partner, shape (M,).
 
     Parameters
     ----------
-    magenta, yellow: centre and axes (c, a₁, a₂) of each outline, shape (M, 3, 2)
+    magenta, yellow: centre and axes (c, a₁, a₂) of each outline [px], shape (M, 3, 2)
     square: whether markers are squares, else discs
-    samples: both coordinates of points q of the unit outline, shape (2, K)
+    samples: coordinates of K points q of the unit outline, shape (2, K)
     """
     shares = np.full(len(magenta), np.nan)
     to = np.empty((3, 2))

@@ -1,6 +1,7 @@
 """Cameras in OpenCV's parameters, refraction at the silicone's surface, calibration files, boards.
 
-Points of the sensor frame [m] become pixels (x right, y down, pixel centres at integers).
+The cameras project points of the sensor frame [m] to pixels (x right, y down, pixel centres at
+integers).
 """
 
 from .board import Board, board_picture

@@ -14,6 +14,7 @@ from ...errors import UserError
 
 Picture = NDArray[np.uint8]
 
+#: OpenCV's identifiers of its sets of ArUco markers, by name without DICT_.
 _DICTIONARIES = {
     name.removeprefix("DICT_"): getattr(cv2.aruco, name)
     for name in dir(cv2.aruco)
@@ -69,7 +70,7 @@ class Board:
         return self.columns * self.square, self.rows * self.square
 
     def opencv(self) -> cv2.aruco.CharucoBoard:
-        """The board as OpenCV's object."""
+        """Convert the board to OpenCV's class."""
         return cv2.aruco.CharucoBoard(
             (self.columns, self.rows), self.square, self.marker, _dictionary(self.dictionary)
         )
@@ -84,7 +85,7 @@ def board_picture(board: Board, pixels_per_square: int) -> Picture:
 
     Parameters
     ----------
-    board: to print
+    board: board to print
     pixels_per_square: side of a square in the picture [px]
     """
     size = (board.columns * pixels_per_square, board.rows * pixels_per_square)

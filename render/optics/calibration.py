@@ -1,4 +1,4 @@
-"""Calibration files: a camera in OpenCV's own YAML, as its samples and ROS name the keys."""
+"""Calibration files: a camera in OpenCV's YAML, with the keys of OpenCV's samples and of ROS."""
 
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from .camera import Camera, FisheyeCamera, PinholeCamera
 
 #: Names of the distortion models in a file.
 MODELS = {"fisheye": FisheyeCamera, "pinhole": PinholeCamera}
+#: Names of the same models in ROS's files.
 _ALIASES = {"equidistant": "fisheye", "plumb_bob": "pinhole"}
 
 
@@ -21,7 +22,7 @@ def camera_text(camera: Camera, **more: float) -> str:
     Parameters
     ----------
     camera: a FisheyeCamera or PinholeCamera
-    more: further numbers of the file, by key
+    more: further numbers to write, by key
     """
     lens = camera.lens
     matrix = [
@@ -47,7 +48,7 @@ def save_camera(camera: Camera, path: str | Path, error: float | None = None) ->
     Parameters
     ----------
     camera: a FisheyeCamera or PinholeCamera
-    path: of the file, ending in .yml or .yaml
+    path: path of the file, ending in .yml or .yaml
     error: reprojection error of the calibration, RMS [px]
     """
     text = camera_text(camera, **({} if error is None else {"avg_reprojection_error": error}))
@@ -56,17 +57,17 @@ def save_camera(camera: Camera, path: str | Path, error: float | None = None) ->
 
 
 def load_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera:
-    """Camera from a calibration file of `save_camera`, OpenCV or ROS.
+    """Read a calibration file written by `save_camera`, OpenCV or ROS.
 
     Parameters
     ----------
-    path: of the file
-    size: width and height that the images have [px]; None takes the file's
+    path: path of the file
+    size: required width and height of the images [px]; None accepts any
 
     Raises
     ------
     UserError
-        When the file is missing, is no calibration, or is for images of another size.
+        When the file is missing, is not a calibration, or is for images of another size.
     """
     path = Path(path)
     if not path.is_file():
@@ -89,7 +90,7 @@ def load_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
         raise UserError(
             f"calibration file {path} is for {width}×{height} images, these are {size[0]}×{size[1]}"
         )
-    # OpenCV's own calibration sample names no model: four coefficients are a fisheye's.
+    # OpenCV's own calibration sample names no model: four coefficients mean a fisheye.
     name = _ALIASES.get(model, model) or ("fisheye" if distortion.size == 4 else "pinhole")
     wanted = {"fisheye": 4, "pinhole": 5}.get(name)
     if wanted is None or distortion.size != wanted:
@@ -110,7 +111,7 @@ def load_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
 
 
 def _matrix(node: "cv2.FileNode") -> np.ndarray | None:
-    """Matrix of a node: OpenCV's tagged matrix, or ROS's table of rows, cols and data."""
+    """Read a matrix in OpenCV's form, or in ROS's (rows, cols and data); None if it is neither."""
     if node.empty():
         return None
     matrix: Any = node.mat()  # None unless the node is a matrix

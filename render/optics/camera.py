@@ -12,11 +12,12 @@ from .projection_kernels import NO_PORT, Distortion, Lens, Port, project_points
 
 Array = NDArray[np.float64]
 
+#: Newton steps that invert a lens distortion.
 _ROUNDS = 12
 
 
 class Camera(Protocol):
-    """Projects points of its own frame: x right, y down, z into the scene."""
+    """Projects points of the camera's frame: x right, y down, z into the scene."""
 
     @property
     def width(self) -> int:
@@ -31,13 +32,13 @@ class Camera(Protocol):
         """Parameters of the compiled projection."""
 
     def project(self, points: Array) -> Array:
-        """Pixels (…, 2) of points (…, 3) [m]; NaN where a point is not visible."""
+        """Project points (…, 3) [m] to pixels (…, 2); NaN where a point is not visible."""
 
     def jacobian(self, points: Array) -> Array:
-        """Derivative of `project` [px/m], shape (…, 2, 3)."""
+        """Derivative of `project` with respect to the point [px/m], shape (…, 2, 3)."""
 
     def rays(self, pixels: Array) -> Array:
-        """Unit directions (…, 3) seen at pixels (…, 2); the inverse of `project`."""
+        """Unit directions (…, 3) of the rays that reach pixels (…, 2); inverse of `project`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,12 +66,14 @@ class FisheyeCamera:
             )
 
     def _bent(self, angle: Array) -> Array:
+        """Distorted angle θd of an angle θ from the optical axis [rad]."""
         if not any(self.distortion):
             return angle
         k, t = self.distortion, angle * angle
         return angle * (1.0 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3]))))
 
     def _slope(self, angle: Array) -> Array:
+        """Derivative dθd/dθ."""
         k, t = self.distortion, angle * angle
         return 1.0 + t * (3 * k[0] + t * (5 * k[1] + t * (7 * k[2] + t * 9 * k[3])))
 
@@ -80,7 +83,7 @@ class FisheyeCamera:
         return _lens(True, self.focal, self.centre, (*self.distortion, 0.0))
 
     def project(self, points: Array) -> Array:
-        """Pixels (…, 2) of points (…, 3) [m]."""
+        """Project points (…, 3) [m] to pixels (…, 2)."""
         return projected(points, NO_PORT, self.lens)
 
     def jacobian(self, points: Array) -> Array:
@@ -145,7 +148,7 @@ class PinholeCamera:
             raise UserError(f"distortion {list(self.distortion)} folds the pinhole's image")
 
     def _distort(self, flat: Array) -> tuple[Array, Array]:
-        """Distorted image-plane points of (…, 2), and the derivative (…, 2, 2)."""
+        """Distort image-plane points (…, 2); also return the Jacobian (…, 2, 2)."""
         k1, k2, p1, p2, k3 = self.distortion
         x, y = flat[..., 0], flat[..., 1]
         t = x * x + y * y
@@ -171,7 +174,7 @@ class PinholeCamera:
         return _lens(False, self.focal, self.centre, self.distortion)
 
     def project(self, points: Array) -> Array:
-        """Pixels (…, 2) of points (…, 3) [m]; NaN behind the camera."""
+        """Project points (…, 3) [m] to pixels (…, 2); NaN behind the camera."""
         return projected(points, NO_PORT, self.lens)
 
     def jacobian(self, points: Array) -> Array:
@@ -202,7 +205,7 @@ class PinholeCamera:
 
 
 def projected(points: Array, port: Port, lens: Lens) -> Array:
-    """Pixels (…, 2) of points (…, 3) behind a port [m]."""
+    """Project points (…, 3) [m] behind a port to pixels (…, 2)."""
     flat = np.ascontiguousarray(points, dtype=float).reshape(-1, 3)
     out = np.empty((len(flat), 2))
     project_points(flat, port, lens, out)
@@ -212,7 +215,7 @@ def projected(points: Array, port: Port, lens: Lens) -> Array:
 def _lens(
     fisheye: bool, focal: tuple[float, float], centre: tuple[float, float], distortion: Distortion
 ) -> Lens:
-    """Parameters of the compiled projection, all of one type: else it would be compiled anew."""
+    """Parameters of the compiled projection, as floats: other types would compile it again."""
     first, second, third, fourth, fifth = map(float, distortion)
     return Lens(
         fisheye=fisheye,

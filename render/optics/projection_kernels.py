@@ -11,7 +11,7 @@ from ...compiled import njit
 Array = NDArray[np.float64]
 Distortion = tuple[float, float, float, float, float]
 
-#: Newton steps to the place at which a ray passes the surface; the last ones change nothing.
+#: Newton steps to the point where a ray passes the surface; it converges in fewer.
 _STEPS = 12
 
 
@@ -23,7 +23,7 @@ class Lens(NamedTuple):
     fisheye: whether the distortion is a fisheye's (k₁…k₄, 0), else a pinhole's (k₁, k₂, p₁, p₂, k₃)
     focal_x, focal_y: focal lengths [px]
     centre_x, centre_y: pixel on the optical axis
-    distortion: coefficients
+    distortion: the five distortion coefficients
     """
 
     fisheye: bool
@@ -39,10 +39,10 @@ class Port(NamedTuple):
 
     Attributes
     ----------
-    position: of the camera on the axis of the sensor frame [m]
-    size: radius of the hollow around the origin; of a flat port its height on the axis [m]
+    position: height of the camera on the axis of the sensor frame [m]
+    size: radius of the spherical hollow around the origin, or height of a flat port [m]
     flat: whether the port is a plane
-    refraction: index of the silicone
+    refraction: refractive index of the silicone
     bends: whether refraction changes the image
     """
 
@@ -67,7 +67,7 @@ NO_PORT = Port(0.0, 0.0, False, 1.0, False)
 
 @njit()
 def pixel(x: float, y: float, z: float, lens: Lens) -> tuple[float, float]:
-    """Pixel of a point of the camera's frame [m]; NaN behind a pinhole."""
+    """Project a point of the camera's frame [m] to a pixel; NaN behind a pinhole camera."""
     if lens.fisheye:
         u, v = _fisheye(x, y, z, lens.distortion)
     elif z > 0.0:
@@ -79,9 +79,9 @@ def pixel(x: float, y: float, z: float, lens: Lens) -> tuple[float, float]:
 
 @njit(inline="always")
 def angle_to_axis(rho: float, z: float) -> float:
-    """Angle from the axis of a point at distance rho ≥ 0 from it [rad], as atan2(rho, z).
+    """Angle from the optical axis [rad], atan2(rho, z), of a point at distance rho ≥ 0 from it.
 
-    Without branches, so that loops vectorise; a library's atan2 differs from machine to machine.
+    It has no branches, so that loops vectorise. A library's atan2 differs between machines.
     """
     up = abs(z)
     less, more = min(rho, up), max(rho, up)
@@ -107,6 +107,7 @@ def angle_to_axis(rho: float, z: float) -> float:
 
 @njit()
 def _fisheye(x: float, y: float, z: float, k: Distortion) -> tuple[float, float]:
+    """Image point of a fisheye at focal length 1, from a point of the camera's frame."""
     rho = math.sqrt(x * x + y * y)
     angle = angle_to_axis(rho, z)
     t = angle * angle
@@ -117,6 +118,7 @@ def _fisheye(x: float, y: float, z: float, k: Distortion) -> tuple[float, float]
 
 @njit()
 def _pinhole(x: float, y: float, k: Distortion) -> tuple[float, float]:
+    """Distorted image point of a pinhole at focal length 1, from the undistorted one."""
     t = x * x + y * y
     scale = 1.0 + t * (k[0] + t * (k[1] + t * k[4]))
     return (
@@ -127,9 +129,10 @@ def _pinhole(x: float, y: float, k: Distortion) -> tuple[float, float]:
 
 @njit()
 def apparent(x: float, y: float, z: float, port: Port) -> tuple[float, float, float]:
-    """Where the camera sees a point, from itself: its bent ray drawn out straight [m].
+    """Apparent position of a refracted point, relative to the camera [m].
 
-    In the plane of the ray and the axis: Fermat's shortest path over the port's points q.
+    It lies at the point's distance, in the direction of the ray at the camera. The ray passes the
+    port at the point q of the shortest optical path (Fermat), in the plane of point and axis.
     """
     up = z - port.position
     if not port.bends:
@@ -154,12 +157,13 @@ def apparent(x: float, y: float, z: float, port: Port) -> tuple[float, float, fl
 
 @njit()
 def _on_sphere(place: float, radius: float) -> tuple[float, float]:
+    """Coordinates (ρ, z) of the port's point at an angle from the axis [rad]."""
     return radius * math.sin(place), radius * math.cos(place)
 
 
 @njit()
 def _newton_step(place: float, rho: float, z: float, port: Port) -> float:
-    """Step to the port's point at which the optical path to (ρ, z) is shortest."""
+    """Newton step of the port's point towards the shortest optical path to (ρ, z)."""
     if port.flat:
         q_rho, q_z, t_rho, t_z, c_rho, c_z = place, port.size, 1.0, 0.0, 0.0, 0.0
     else:
@@ -178,14 +182,14 @@ def _newton_step(place: float, rho: float, z: float, port: Port) -> float:
 
 @njit()
 def apparent_points(points: Array, port: Port, out: Array) -> None:
-    """`apparent` of points (K, 3)."""
+    """Apply `apparent` to K points, into `out`, both (K, 3)."""
     for k in range(len(points)):
         out[k, 0], out[k, 1], out[k, 2] = apparent(points[k, 0], points[k, 1], points[k, 2], port)
 
 
 @njit()
 def project_points(points: Array, port: Port, lens: Lens, out: Array) -> None:
-    """Pixels (K, 2) of points (K, 3) [m]."""
+    """Project points (K, 3) [m] to pixels, into `out` (K, 2)."""
     for k in range(len(points)):
         x, y, z = apparent(points[k, 0], points[k, 1], points[k, 2], port)
         out[k, 0], out[k, 1] = pixel(x, y, z, lens)
@@ -193,9 +197,9 @@ def project_points(points: Array, port: Port, lens: Lens, out: Array) -> None:
 
 @njit()
 def project_lanes(x: Array, y: Array, z: Array, port: Port, lens: Lens) -> None:
-    """Pixels of points whose coordinates are arrays of their own [m], in x and y; z is used up.
+    """Project points in place: coordinates [m] become pixels in x and y; z is overwritten.
 
-    As `apparent` and `pixel`, in loops that vectorise where the surface bends no ray.
+    The same as `apparent` and `pixel`, in loops that vectorise without refraction.
     """
     if port.bends:
         for k in range(x.shape[0]):

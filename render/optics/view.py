@@ -16,13 +16,13 @@ Array = NDArray[np.float64]
 class View:
     """Camera on the sensor's axis, in air; markers and skin lie in silicone behind its port.
 
-    Seen from the centre of a hollow ball the port bends no ray, whatever the index.
+    A camera at the centre of a spherical port sees no refraction, whatever the index.
 
     Attributes
     ----------
-    camera: looks along +z
-    position: of the camera on the axis of the sensor frame [m]
-    port: radius of the hollow around the origin; of a flat port its height on the axis [m]
+    camera: camera, which looks along +z
+    position: height of the camera on the axis of the sensor frame [m]
+    port: radius of the spherical hollow around the origin, or height of a flat port [m]
     flat: whether the port is a plane
     index: refractive index of the silicone
     """
@@ -60,11 +60,11 @@ class View:
         )
 
     def project(self, points: Array) -> Array:
-        """Pixels (…, 2) of points (…, 3) in the sensor frame [m]."""
+        """Project points (…, 3) of the sensor frame [m] to pixels (…, 2)."""
         return projected(points, self.surface, self.camera.lens)
 
     def jacobian(self, points: Array) -> Array:
-        """Derivative of `project` [px/m], shape (…, 2, 3)."""
+        """Derivative of `project` with respect to the point [px/m], shape (…, 2, 3)."""
         if not self.bends:
             return self.camera.jacobian(self._apparent(points))
         nudge = 1e-7  # half the distance over which refraction is differentiated [m]
@@ -75,7 +75,7 @@ class View:
         return self.camera.jacobian(self._apparent(points)) @ np.stack(slope, axis=-1)
 
     def trace(self, pixels: Array) -> tuple[Array, Array]:
-        """Rays seen at pixels (…, 2), inside the silicone: a point and a unit direction, (…, 3)."""
+        """Trace pixels (…, 2) into the silicone: a point of each ray, its unit direction (…, 3)."""
         ray = self.camera.rays(pixels)
         start = np.broadcast_to([0.0, 0.0, self.position], ray.shape)
         if not self.bends:
@@ -92,7 +92,7 @@ class View:
         return start + reach[..., None] * ray, inside / self.index
 
     def _apparent(self, points: Array) -> Array:
-        """Apparent points (…, 3) from the camera: along straight rays, as far as the points [m]."""
+        """Apparent positions (…, 3) of points relative to the camera [m], see `apparent`."""
         flat = np.ascontiguousarray(points, dtype=float).reshape(-1, 3)
         out = np.empty_like(flat)
         apparent_points(flat, self.surface, out)
@@ -100,6 +100,6 @@ class View:
 
 
 def sphere_distance(start: Array, ray: Array, radius: float) -> Array:
-    """Distance along unit rays from points inside a sphere around the origin to it [m], (…)."""
+    """Distance to a sphere around the origin, along unit rays from points inside it [m], (…)."""
     half = (start * ray).sum(axis=-1)
     return np.sqrt(half**2 + radius**2 - (start**2).sum(axis=-1)) - half

@@ -1,4 +1,4 @@
-"""OpenCV's blob detector on each dye's density; a blob is the nearest expected marker."""
+"""OpenCV's blob detector on the density of each dye; a blob is assigned to the nearest marker."""
 
 import cv2
 import numpy as np
@@ -30,7 +30,7 @@ class BlobDetector(Follower):
 
 
 def _detector(radius: float) -> cv2.SimpleBlobDetector:
-    """Detector of blobs between densities of 0.3 and 0.7, with 0.3 to 3 times a marker's area."""
+    """Make a detector of blobs with 0.3 to 3 times a marker's area, at densities of 0.3 to 0.7."""
     settings = cv2.SimpleBlobDetector.Params()
     settings.minThreshold, settings.maxThreshold = ZERO + UNIT * 0.3, ZERO + UNIT * 0.7
     settings.thresholdStep = UNIT * 0.1

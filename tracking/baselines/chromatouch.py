@@ -14,18 +14,18 @@ from .follower import Follower, FollowerSettings, Image, Measured, nearest
 
 Array = NDArray[np.float64]
 
-#: Least saturation of a marker's pixels. Lin 2019 has 50 %, which the real dome's magenta, alone on
-#: white, does not quite reach.
+#: Smallest saturation of a marker's pixels. Lin 2019 has 50 %, which the real dome's magenta on
+#: white does not quite reach.
 _SATURATED = 0.35
 
 
 class ChromaTouch(Follower):
     """Top-hat, HSV mask of saturated pixels, connected components, centroid and mean hue.
 
-    Its faults are kept, because other trackers are compared with it. Colours are not unmixed: a
+    Its weaknesses are kept, because other trackers are compared with it. Colours are not unmixed: a
     pixel belongs to the colour with the nearest hue, so that the edge of a mask shifts where the
-    other layer lies under it. The centroid is that of a binary mask. Markers that touch are one.
-    Two numbers may take the same component; both are then ambiguous.
+    other layer lies under it. The centroid is that of a binary mask. Markers that touch form one
+    component. Two markers may take the same component; both are then ambiguous.
 
     A palette of one grey dye has no hue: its markers are masked at half the contrast of their
     middles at rest, and there is no mean hue.
@@ -33,7 +33,7 @@ class ChromaTouch(Follower):
     Raises
     ------
     UserError
-        When there are two dyes whose hues do not tell them apart.
+        When two dyes cannot be distinguished by their hues.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class ChromaTouch(Follower):
     ) -> None:
         super().__init__(palette, noise, settings)
         count = len(palette.transmittance)
-        # Each dye alone, and both of them over each other, on white.
+        # Colours on white: each dye alone, and both together.
         members = np.vstack([np.eye(count), np.ones((count - 1, count))])
         light = np.minimum(np.exp(members @ np.log(palette.transmittance)), 1.0)
         hsv = _hsv((encode_srgb(light) / 255.0)[None].astype(np.float32))[0]
@@ -77,25 +77,25 @@ class ChromaTouch(Follower):
             found = number >= 0
             position[k, found] = centroids[plausible][number[found]]
             if k == 0 and self._coloured:
-                # Hues are cyclic: their mean is taken about the dye's own.
+                # Hues are cyclic: average their differences from the dye's hue.
                 turned = _turn(hue - self._hues[0]).ravel()
                 mean = np.bincount(labels.ravel(), turned) / stats[:, cv2.CC_STAT_AREA]
                 hues[found] = _turn(mean + self._hues[0])[plausible][number[found]]
         return Measured(position, hue=hues)
 
     def _hat(self, image: Image) -> Image:
-        """Levels by which each pixel is darker than the ground around it, or brighter."""
+        """Levels by which each pixel is darker (or brighter) than the ground around it."""
         hat = cv2.MORPH_TOPHAT if self._palette.bright else cv2.MORPH_BLACKHAT
         return np.asarray(cv2.morphologyEx(image, hat, self._around), dtype=np.uint8)
 
     def _masks(self, hat: Image) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-        """Pixels of each layer, shape (L, H, W), and their hue [°], −180…180, shape (H, W)."""
+        """Masks of the L layers, (L, H, W), and hue of each pixel [°], −180…180, (H, W)."""
         if not self._coloured:
             dark = hat.max(axis=2) > self._depth
             return np.broadcast_to(dark, (len(self._area), *dark.shape)), np.zeros(
                 dark.shape, np.float32
             )
-        # The top-hat is taken from white.
+        # Subtract the top-hat from white.
         hsv = _hsv((255 - hat).astype(np.float32) / np.float32(255.0))
         hue, saturated = hsv[..., 0], hsv[..., 1] > _SATURATED
         colour = abs(_turn(hue - self._hues[:, None, None])).argmin(axis=0)
@@ -103,12 +103,12 @@ class ChromaTouch(Follower):
 
 
 def _hsv(colour: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Hue [°], −180…180, saturation and value of colours 0…1, all of shape (H, W, 3)."""
+    """Convert an RGB image 0…1 to hue [°], −180…180, saturation and value, shape (H, W, 3)."""
     hsv = np.asarray(cv2.cvtColor(colour, cv2.COLOR_RGB2HSV), dtype=np.float32)
     hsv[..., 0] = _turn(hsv[..., 0])
     return hsv
 
 
 def _turn(hue: NDArray[Any]) -> NDArray[Any]:
-    """The same hue within −180…180°."""
+    """Wrap a hue to −180…180°."""
     return (hue + 180.0) % 360.0 - 180.0

@@ -1,4 +1,4 @@
-"""Images of each dye's density: 8-bit frames through tables, against the ground at rest."""
+"""Density images of each dye: 8-bit frames through tables, relative to the ground at rest."""
 
 from typing import NamedTuple
 
@@ -15,17 +15,18 @@ from .density_kernels import UNIT, write_densities
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Least light of a level, so that its logarithm is finite; as in `dye_densities`.
+#: Smallest linear light of a level, so that its logarithm is finite; as in `dye_densities`.
 _DARKEST = 1e-4
 
 
 class DensityTables(NamedTuple):
-    """Tables of densities: `ground` at the pixel plus `dye` of each channel's level.
+    """Tables for L dyes: a density is `ground` of the pixel plus `dye` of each channel's level.
 
     Attributes
     ----------
-    ground: of the skin at rest, NaN outside the lit field, float32, shape (H, W, L)
-    dye: float32, shape (L, 3, 256)
+    ground: contribution of the skin's light at rest, NaN outside the lit field, float32, shape
+        (H, W, L)
+    dye: contribution of each sRGB level in each channel, float32, shape (L, 3, 256)
     """
 
     ground: NDArray[np.float32]
@@ -33,7 +34,7 @@ class DensityTables(NamedTuple):
 
 
 def density_tables(rest: RestFrame, palette: Palette) -> DensityTables:
-    """Tables of a sensor whose rest frame was read."""
+    """Make the tables from a rest frame."""
     matrix = unmixing_matrix(palette.transmittance)
     log_levels = np.log(np.maximum(decoding_table(), _DARKEST))
     ground = np.log(np.maximum(rest.ground, _DARKEST)) @ matrix.T
@@ -47,7 +48,7 @@ def density_tables(rest: RestFrame, palette: Palette) -> DensityTables:
 
 
 def density_images(image: Image, tables: DensityTables) -> Image:
-    """Density of each dye in 8 bits, `ZERO` for none and `UNIT` more for 1, shape (L, H, W)."""
+    """Density of each of L dyes as a level `ZERO` + `UNIT`·density, uint8, shape (L, H, W)."""
     height, width, layers = tables.ground.shape
     out = np.empty((layers, height, width), dtype=np.uint8)
     write_densities(image, tables.ground, tables.dye, out)
@@ -55,7 +56,7 @@ def density_images(image: Image, tables: DensityTables) -> Image:
 
 
 def markers_there(density: Image, position: Array, radius: float) -> NDArray[np.bool_]:
-    """Markers at positions (M, 2) that are denser than their surroundings in an image (H, W)."""
+    """Whether a density image (H, W) is denser at positions (M, 2) than around them."""
     angles = np.arange(8) * (np.pi / 4)
     circle = radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     inside = _sample(density, position[:, None] + 0.4 * circle).mean(axis=1)
@@ -65,7 +66,7 @@ def markers_there(density: Image, position: Array, radius: float) -> NDArray[np.
 
 
 def _sample(image: Image, at: Array) -> Array:
-    """Bilinear values at places (M, n, 2); NaN for a place that is NaN."""
+    """Interpolate an image bilinearly at places (M, n, 2); NaN for a NaN place."""
     places = np.nan_to_num(at).astype(np.float32)
     x, y = (np.ascontiguousarray(places[..., i]) for i in range(2))
     # Outside the image its edge is repeated.

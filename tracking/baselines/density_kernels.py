@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 
 from ...compiled import njit
 
-#: Level of density 0: noise below 0 is kept.
+#: Level of density 0; smaller levels keep negative noise.
 ZERO = 64
-#: Levels per density: noise above 1 is kept.
+#: Number of levels per unit of density; levels above `ZERO` + `UNIT` keep noise above 1.
 UNIT = 128
 
 
 @njit()
 def write_densities(image: NDArray[np.uint8], ground: Any, dye: Any, out: Any) -> None:
-    """Densities in 8 bits, to `out` of shape (L, H, W); `ZERO` where the ground is NaN."""
+    """Write density levels to `out`, shape (L, H, W); `ZERO` where the ground is NaN."""
     for k in range(out.shape[0]):
         for row in range(out.shape[1]):
             for col in range(out.shape[2]):

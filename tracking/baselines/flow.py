@@ -1,6 +1,6 @@
-"""Optical flow from the rest image to each frame, on images of each dye's density.
+"""Optical flow from the rest image to each frame, on density images of each dye.
 
-Flow from frame to frame would add its errors up; flow from the rest image cannot drift.
+Flow from frame to frame would accumulate errors; flow from the rest image cannot drift.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 class LucasKanade(Follower):
-    """Pyramidal Lucas–Kanade on each marker's window, to the frame and back."""
+    """Pyramidal Lucas–Kanade flow of each marker's window, from rest to the frame and back."""
 
     def _prepare(self, rest: RestFrame, image: Image) -> None:
         self._radius = rest.radius
@@ -33,13 +33,13 @@ class LucasKanade(Follower):
         return Measured(position)
 
     def _flow(self, k: int, density: Image, known: NDArray[np.bool_], guess: Array) -> Array:
-        """Positions (n, 2) of the `known` markers of layer k, NaN where they are lost."""
+        """Positions (n, 2) of the n `known` markers of layer k; NaN where they are lost."""
         start = self._origin[k, known].astype(np.float32)
-        margin, back_px = 3, 0.3  # around a marker, and of the way back [px]
+        margin, back_px = 3, 0.3  # margin around a marker, largest error of the way back [px]
         side = 2 * (int(np.ceil(self._radius[k])) + margin) + 1
         settings: dict[str, Any] = {
             "winSize": (side, side),
-            "maxLevel": 2,  # above the image itself; each doubles the reach
+            "maxLevel": 2,  # number of coarser levels; each doubles the search range
             "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
         }
         flow = cv2.calcOpticalFlowPyrLK

@@ -1,8 +1,8 @@
-"""Common part of the baseline trackers: where to look, which markers are lost, since when.
+"""Common part of the baseline trackers: expected positions, and bookkeeping of lost markers.
 
-A marker is looked for at its last place, a lost one where its neighbours moved; each tracker adds
-how a marker near there is found. All of them are local: a marker that moves by more than half a
-pitch between two frames is taken for its neighbour.
+A marker is expected at its last position, a lost one at its rest position plus the shift of its
+neighbours. Each tracker adds a method that finds a marker near there. All are local: a marker that
+moves by more than half a pitch between two frames is confused with its neighbour.
 """
 
 from dataclasses import dataclass, replace
@@ -25,15 +25,15 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True, kw_only=True)
 class FollowerSettings:
-    """Tuned numbers of the baseline trackers; distances are in pitches of the markers.
+    """Tuned parameters of the baseline trackers; distances are in pitches of the markers.
 
     Attributes
     ----------
-    doubtful_jump: jump of a marker above which it may be a neighbour of the last one
-    apart: smallest distance between markers of one layer
-    fewest: share of the rest frame's markers that the tracker must find there itself
+    doubtful_jump: motion between frames above which a marker is ambiguous
+    apart: smallest distance between markers of one layer; closer ones are ambiguous
+    fewest: smallest share of the rest frame's markers that the tracker must find there itself
     neighbours: number of neighbours that a lost marker moves with
-    reach: distance from the expected place above which a spot is another marker
+    reach: largest distance of a marker from its expected position
     """
 
     doubtful_jump: float = 0.375
@@ -44,7 +44,7 @@ class FollowerSettings:
 
 
 class Measured(NamedTuple):
-    """Measurements of a tracker in one frame, as in `Tracks`; None for those that it lacks."""
+    """Measurements of a tracker in one frame, as in `Tracks`; None if it does not measure them."""
 
     position: Array
     log_size: Array | None = None
@@ -53,12 +53,13 @@ class Measured(NamedTuple):
 
 @dataclass(frozen=True)
 class Shifts:
-    """All that changes from frame to frame.
+    """State of a tracker: everything that changes from frame to frame.
 
     Attributes
     ----------
-    shift: of each marker since rest [px], shape (L, M, 2); of a lost one, its neighbours'
-    last_seen: time of the last frame in which it was found [s], shape (L, M)
+    shift: displacement of each marker since rest [px], shape (L, M, 2); a lost marker has that of
+        its neighbours
+    last_seen: time of the last frame in which each marker was found [s], shape (L, M)
     """
 
     shift: Array
@@ -66,19 +67,19 @@ class Shifts:
 
 
 class Follower:
-    """Base of the trackers that look for each marker near its last place.
+    """Base of the trackers that look for each marker near its last position.
 
-    A subclass gives `_prepare`, which reads what it needs from the rest frame, and `_find`.
+    A subclass implements `_prepare`, which stores what it needs of the rest frame, and `_find`.
 
     Parameters
     ----------
-    palette: of the markers
+    palette: colours of the markers
     noise: standard deviation of the camera noise [grey levels]; rounding is added to it
-    settings: tuned numbers
+    settings: tuned parameters
 
     Attributes
     ----------
-    state: all that changes from frame to frame, as one frozen value
+    state: everything that changes from frame to frame, as one frozen value
     """
 
     state: Shifts
@@ -89,11 +90,11 @@ class Follower:
         self._palette, self._noise, self._settings = palette, noise, settings
 
     def _prepare(self, rest: RestFrame, image: Image) -> None:
-        """Keep what is needed of the rest frame; `image` is its mean, rounded."""
+        """Store what is needed of the rest frame; `image` is its rounded mean image."""
         raise NotImplementedError
 
     def _find(self, image: Image, expected: Array) -> Measured:
-        """Markers in an image (H, W, 3), by where they are expected [px], shape (L, M, 2)."""
+        """Find the markers in an image (H, W, 3) near expected positions [px], (L, M, 2)."""
         raise NotImplementedError
 
     def reset(self, rest: list[Frame]) -> Tracks:
@@ -123,13 +124,13 @@ class Follower:
                 f"only {tracks.visible.sum()} of {count} markers of the rest frame are found by "
                 f"this tracker, at least {settings.fewest:.0%} must be"
             )
-        # Shifts count from where the tracker itself finds a marker at rest.
+        # Shifts are relative to the positions that the tracker itself finds at rest.
         self._origin = np.where(tracks.visible[..., None], tracks.position, self._origin)
         self.state = replace(self.state, shift=np.zeros_like(self._origin))
         return tracks
 
     def update(self, frame: Frame) -> Tracks:
-        """Markers in the next frame.
+        """Find the markers in the next frame.
 
         Raises
         ------
@@ -140,6 +141,7 @@ class Follower:
         return self._follow(frame)
 
     def _follow(self, frame: Frame) -> Tracks:
+        """Track one frame and update the state."""
         settings = self._settings
         shift = self.state.shift
         measured = self._find(np.ascontiguousarray(frame.image), self._origin + shift)
@@ -171,12 +173,14 @@ class Follower:
 
 
 def nearest(points: Array, expected: Array, reach: float, mutual: bool) -> NDArray[np.intp]:
-    """Number of the point (n, 2) that is nearest to each expected one (M, 2), −1 for none.
+    """Index of the point nearest to each expected position, −1 for none, shape (M,).
 
     Parameters
     ----------
-    reach: a point further away is none [px]
-    mutual: whether a point goes only to the one that it is nearest to
+    points: detected points [px], shape (n, 2)
+    expected: expected positions [px], shape (M, 2)
+    reach: largest distance of a point [px]
+    mutual: whether the expected position must also be the nearest one to the point
     """
     number = np.full(len(expected), -1)
     known = np.flatnonzero(np.isfinite(expected).all(axis=-1))
@@ -192,7 +196,7 @@ def nearest(points: Array, expected: Array, reach: float, mutual: bool) -> NDArr
 
 
 def _carry(shift: Array, visible: NDArray[np.bool_], near: NDArray[np.intp]) -> Array:
-    """Shifts (L, M, 2); a lost marker has the median of its visible neighbours', if any."""
+    """Set shifts (L, M, 2) of lost markers to the median of their visible neighbours, if any."""
     lost = ~visible & visible[:, near].any(axis=-1)
     for layer, m in np.argwhere(lost):
         around = near[m][visible[layer, near[m]]]

@@ -1,4 +1,4 @@
-"""The unloaded sensor as the tracker fits it."""
+"""Fit of the unloaded sensor, from which the tracker starts."""
 
 from dataclasses import dataclass, replace
 
@@ -24,21 +24,21 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True, kw_only=True)
 class AtRest:
-    """The unloaded sensor as the tracker fitted it. It stays as it is until the next reset.
+    """Fit of the unloaded sensor with M marker pairs; constant until the next reset.
 
     Attributes
     ----------
-    settings: effort of a frame, and tuned numbers
-    fit: of its pairs
-    relocator: finds the markers without knowing where they were
-    state: of the pairs
-    misfit: of the pairs, 0 where none was found, shape (M,)
+    settings: effort per frame, and tuned parameters
+    fit: method that fits the pairs
+    relocator: method that finds the markers without their last positions
+    state: fitted state of the pairs
+    misfit: misfit of each pair, see `PairFits`; 0 for a pair without a fit, shape (M,)
     typical: median misfit, at least 1
-    odd: pairs that no disc explains; they shade others, and are not looked for, shape (M,)
+    odd: pairs that no disc explains; they shade others, but are not tracked, shape (M,)
     pitch: typical distance to the nearest other marker [px]
-    shape: of an image
-    layers: L, 1 or 2
-    share: displacement of the inner layer over that of the outer one; None if it is not known
+    shape: shape of an image
+    layers: number of layers L, 1 or 2
+    share: displacement of the inner layer over that of the outer one; None if unknown
     flat: pixels that show the noise next to the markers, see `flat_blocks`
     """
 
@@ -56,13 +56,13 @@ class AtRest:
     flat: NDArray[np.intp]
 
     def lost(self, visible: Mask) -> int:
-        """Number of markers that were there at rest and are not visible."""
+        """Number of markers that were present at rest and are not visible."""
         return int((~visible & self.state.present & ~self.odd[:, None]).sum())
 
     def limits(self, fits: PairFits) -> Array:
-        """Largest misfit of each pair that is there, shape (M,).
+        """Misfit of each pair above which it counts as lost, shape (M,).
 
-        What a crooked marker has at rest, near the limit of all, it has later too.
+        An imperfect marker, with a large misfit at rest, has a higher limit.
         """
         return np.maximum(misfit_limit(fits, self.settings), UNEVEN * self.misfit)
 
@@ -70,7 +70,7 @@ class AtRest:
 def fit_rest(
     frames: list[Frame], palette: Palette, noise: float, settings: FitSettings
 ) -> tuple[AtRest, PairFits]:
-    """Fit the unloaded sensor: shapes to the mean of the frames, then the mean of all fits.
+    """Fit the unloaded sensor: shapes to the mean of the frames; then average the fits to each.
 
     Raises
     ------
@@ -82,10 +82,10 @@ def fit_rest(
     fit, first = _first_fit(rest, mean, frames[0].image, palette, noise, settings)
     stray = _stray(first, settings)
     if stray.any() and not stray.all():
-        # Their light would be carried over to the pairs beside them.
+        # Their light would bias that of neighbouring pairs.
         rest = replace(rest, position=rest.position[:, ~stray])
         fit, first = _first_fit(rest, mean, frames[0].image, palette, noise, settings)
-    # Parts of these markers that discs do not explain are noise, too.
+    # Deviations of these markers from discs count as noise, too.
     own, rounding = settings.rest, 0.29
     while first.typical > own.unexplained and noise < own.noisiest:
         larger = float(np.hypot(noise, rounding) * np.sqrt(first.typical))
@@ -98,7 +98,7 @@ def fit_rest(
         )
     fit, start = fit.with_shapes_of(first.state)
     fit = fit.with_effort(5, settings.rows, own.arrived)
-    # Frames of one state differ by their noise alone: each pair needs one template for all.
+    # Frames at rest differ by noise only: each pair needs a single template.
     pool, calm = fit.empty_templates(), np.ones(len(start.fits), dtype=np.bool_)
     limit, steps = settings.limit, settings.steps
     fits = [
@@ -118,7 +118,7 @@ def fit_rest(
 
 
 def _stray(fits: PairFits, settings: FitSettings) -> Mask:
-    """Pairs (M,) that are specks or glare: without light of their own, or of another size."""
+    """Mask (M,) of pairs that are specks or glare: with too little light, or of another size."""
     gains, size = fits.state.gains, fits.state.fits[:, :, 2]
     dark = (gains < settings.rest.no_light * np.median(gains, axis=0)).any(axis=1)
     odd = (abs(size) > settings.rest.odd_size) & fits.state.present
@@ -133,10 +133,10 @@ def _first_fit(
     noise: float,
     settings: FitSettings,
 ) -> tuple[PairFit, PairFits]:
-    """Fit of shapes, colours and light to the mean of the rest frames, one of which is `frame`."""
+    """Fit shapes, colours and light to the mean of the rest frames; `frame` is one of them."""
     fit, start = prepare_fit(rest, palette, noise, settings.pairs)
     first = fit.fit(mean, start, settings.rest.steps)
-    # A later frame in which the light is fitted must not differ from rest by that alone.
+    # Fit colours now if needed, so that a later fit of colours does not change positions.
     worse, steps = settings.rest.worse, settings.steps
     if first.typical > worse or fit.fit(frame, first.state, steps).typical > worse:
         first = tune(fit, mean, first, first.state.fits, steps, settings.tuning)
@@ -151,6 +151,7 @@ def _at_rest(
     found: PairFits,
     flat: NDArray[np.intp],
 ) -> AtRest:
+    """Collect the results of the fit at rest."""
     sensor = palette.sensor
     return AtRest(
         settings=settings,
@@ -169,11 +170,11 @@ def _at_rest(
 
 
 def misfit_limit(fits: PairFits, settings: FitSettings) -> float:
-    """Largest misfit of a pair that is there."""
+    """Misfit above which a pair counts as lost."""
     return settings.lost * min(max(1.0, fits.typical), settings.worst)
 
 
 def visible_markers(fits: PairFits, settings: FitSettings) -> Mask:
-    """Layers whose fit explains their pixels, shape (M, 2)."""
+    """Mask (M, 2) of the markers whose fit explains their pixels."""
     explained = fits.misfit < misfit_limit(fits, settings)
     return np.asarray(explained[:, None] & fits.state.present)

@@ -1,12 +1,12 @@
-"""Lossy compression of a picture, as far as its pixels show it.
+"""Detection of lossy compression from a picture's pixels, and of its effect on positions.
 
 Compression removes fine noise where the picture is flat, and leaves errors at the markers' edges.
-Noise of a camera is the same at both. What is compared are the residuals of the fit with the fine
-noise of the colours in flat places. Neither needs the noise that the tracker was told.
+Camera noise is the same at both. So residuals of the fit are compared with the fine colour noise in
+flat regions. This does not need the noise level that the tracker was given.
 
-The errors are those of coded blocks. They lie on many pixels, on neighbouring markers and in many
-frames alike, and they hardly change where the picture stands still. A marker that moved since rest,
-and above all one whose layers came apart, is off by several times what its pixels' noise allows.
+The errors of a coded block are common to many pixels, to neighbouring markers and to many frames,
+and they hardly change where the picture stands still. The error of a marker that moved since rest,
+above all of one whose layers came apart, is several times what noise of its pixels would cause.
 """
 
 import math
@@ -22,22 +22,22 @@ from .settings import CompressionSettings
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Side of a block of pixels that is looked at.
+#: Side of an examined block [px].
 _SIDE = 4
-#: Share of the differences that are counted, the smallest: the others are edges.
+#: Share of the smallest differences that is used; the others are edges.
 _KEPT = 0.9
-#: Variance of a normal distribution that is left of them.
+#: Remaining variance of a normal distribution after this truncation, over the full variance.
 _LEFT = 0.623
 
 
 class FinePart(NamedTuple):
-    """Noise of a picture's flat places, as that of one channel [grey levels].
+    """Noise in flat regions of a picture, as standard deviations of one channel [grey levels].
 
     Attributes
     ----------
-    brightness: from pixel to pixel
-    colour: from pixel to pixel
-    coarse_colour: from two by two pixels to the next ones
+    brightness: noise of brightness from pixel to pixel
+    colour: noise of colour from pixel to pixel
+    coarse_colour: noise of colour between neighbouring squares of two by two pixels
     """
 
     brightness: float
@@ -48,7 +48,7 @@ class FinePart(NamedTuple):
 def flat_blocks(
     rest: list[Frame], settings: CompressionSettings = CompressionSettings()
 ) -> NDArray[np.intp]:
-    """Numbers of the pixels in the flattest blocks of the rest frames, shape (4, 4, B)."""
+    """Indices of the pixels in the B flattest blocks of the rest frames, shape (4, 4, B)."""
     mean = np.mean([frame.image for frame in rest], axis=0)
     height, width = (_SIDE * (side // _SIDE) for side in mean.shape[:2])
     shape = (height // _SIDE, _SIDE, width // _SIDE, _SIDE, 3)
@@ -64,9 +64,9 @@ def flat_blocks(
 
 
 def fine_part(image: Image, blocks: NDArray[np.intp]) -> FinePart:
-    """Noise of a picture at `flat_blocks`."""
+    """Measure the noise of a picture at `flat_blocks`."""
     brightness, colour, coarse = flat_noise(np.ascontiguousarray(image), blocks, _KEPT)
-    # Of white noise, a channel's deviation times the root of the sum of the squared factors.
+    # White noise: each is a channel's deviation times the root of the sum of squared factors.
     return FinePart(
         brightness=brightness / math.sqrt(_LEFT * 4 * 6.0),
         colour=colour / math.sqrt(_LEFT * 4 * 2.0),
@@ -77,12 +77,13 @@ def fine_part(image: Image, blocks: NDArray[np.intp]) -> FinePart:
 def compression(
     residual: float, noise: FinePart, settings: CompressionSettings = CompressionSettings()
 ) -> float:
-    """Error of moved inner markers over their stated deviation; exactly 1 without compression.
+    """Actual over stated standard deviation of moved inner markers; exactly 1 without compression.
 
     Parameters
     ----------
-    residual: of the fit to the markers, RMS [grey levels]
-    noise: of the flat places
+    residual: RMS residual of the fit to the markers [grey levels]
+    noise: noise in flat regions
+    settings: tuned parameters
     """
     if noise.colour > max(settings.present, settings.white * noise.coarse_colour):
         return 1.0
@@ -96,12 +97,13 @@ def compression(
 def deviations(
     factor: float, moved: Array, settings: CompressionSettings = CompressionSettings()
 ) -> Array:
-    """Factors of the deviations of (x, y, log size) of both layers, shape (M, 6).
+    """Factors on the standard deviations of (x, y, log size) of both layers, shape (M, 6).
 
     Parameters
     ----------
-    factor: see `compression`
+    factor: result of `compression`
     moved: motion of each pair since rest [px], shape (M,)
+    settings: tuned parameters
     """
     share = moved**2 / (moved**2 + settings.moved**2)
     return np.sqrt(1.0 + share[:, None] * (factor * np.array(settings.shares)) ** 2)

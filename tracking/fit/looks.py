@@ -1,4 +1,4 @@
-"""Judgement of a fit: which markers are visible, torn off, or taken for another one."""
+"""Judgement of a fit: which markers are visible, torn off, or confused with another one."""
 
 from dataclasses import replace
 
@@ -16,9 +16,9 @@ Mask = NDArray[np.bool_]
 
 
 def judge(known: AtRest, memory: Memory, image: Image, fits: PairFits, start: PairState) -> Look:
-    """Look of a fit; each layer of pairs that it does not explain is tried alone from a start.
+    """Judge a fit, after fitting unexplained pairs again with each layer alone.
 
-    Pairs that were lost before are tried so in turns.
+    Pairs that were lost before are tried in turns, a part in each frame.
     """
     limit = np.where(known.odd, np.inf, known.limits(fits))
     if (fits.misfit > limit).any():
@@ -29,7 +29,7 @@ def judge(known: AtRest, memory: Memory, image: Image, fits: PairFits, start: Pa
 
 
 def surveyed(known: AtRest, memory: Memory, fits: PairFits) -> Look:
-    """Look of a fit."""
+    """Judge a fit: visible, torn and overlapping markers."""
     pairs = fits.state.present.shape
     visible, torn, on_others = (np.empty(pairs, dtype=np.bool_) for _ in range(3))
     touching = np.empty(len(visible), dtype=np.bool_)
@@ -47,12 +47,12 @@ def surveyed(known: AtRest, memory: Memory, fits: PairFits) -> Look:
 
 
 def worth(look: Look) -> int:
-    """Number of markers that are visible and not torn, less that of the torn ones."""
+    """Number of visible markers that are not torn, minus the number of torn ones."""
     return int(look.visible.sum()) - 2 * int(look.torn.sum())
 
 
 def better(first: Look, second: Look) -> Look:
-    """The look that finds more markers, or else explains them better."""
+    """Choose the look that finds more markers; with equal numbers, the one with less misfit."""
 
     def rank(look: Look) -> tuple[int, float]:
         return worth(look), -float(look.fits.misfit[look.visible.any(axis=1)].sum())
@@ -61,16 +61,16 @@ def better(first: Look, second: Look) -> Look:
 
 
 def astray(known: AtRest, memory: Memory, look: Look, few: int) -> bool:
-    """Whether markers were taken for others, or more than a few were lost since the last frame."""
+    """Whether a marker is torn off, or more than `few` were lost since the last frame."""
     newly = known.lost(look.visible) - known.lost(memory.visible)
     return bool(look.torn.any()) or newly > few
 
 
 def untangled(known: AtRest, memory: Memory, image: Image, look: Look) -> Look:
-    """Look again at markers that lie on others, from where the pair's other layer has them.
+    """Fit markers that lie on others again, from positions predicted by the pair's other layer.
 
-    Two discs that pass over each other can be taken for each other, or both for what they cover
-    together. Their other layer moves less, or more, and lies apart.
+    Two discs that pass over each other can be confused, or both fitted to what they cover together.
+    Their partners in the other layer move less or more, and lie apart.
     """
     if known.share is None:
         return look
@@ -84,7 +84,7 @@ def untangled(known: AtRest, memory: Memory, image: Image, look: Look) -> Look:
     first, second = displacement[far, 0], displacement[far, 1]
     # The ratio in the image is not quite that of the layers, which lie at different depths.
     share = (first * second).sum() / (first**2).sum() if far.any() else known.share
-    if not share:  # a layer that stays says nothing of where the other one is
+    if not share:  # a layer that stays at rest does not predict the other one
         return look
     expected = np.stack([displacement[:, 1] / share, displacement[:, 0] * share], axis=1)
     off = np.linalg.norm(displacement - expected, axis=2)
@@ -99,10 +99,10 @@ def untangled(known: AtRest, memory: Memory, image: Image, look: Look) -> Look:
 
 
 def _off_course(known: AtRest, memory: Memory, state: PairState, visible: Mask) -> Mask:
-    """Markers (M, 2) that are not where their way so far, or that of their neighbours, leads to.
+    """Mask (M, 2) of markers whose step follows neither their last step nor their neighbours'.
 
-    Skin that is pressed together strongly is not torn: its markers got there step by step, each as
-    it moved in the frame before, or as its neighbours move in this one.
+    Strongly compressed skin is not torn: its markers got there step by step, each as it moved in
+    the previous frame, or as its neighbours move in this one.
     """
     near = known.fit.near
     step = (state.fits - memory.start.fits)[..., :2]

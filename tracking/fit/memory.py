@@ -1,4 +1,4 @@
-"""Memory of the tracker from frame to frame, and its look at one frame."""
+"""State of the tracker between frames (`Memory`), and its judged fit to one frame (`Look`)."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -15,31 +15,31 @@ Mask = NDArray[np.bool_]
 
 
 class Look(NamedTuple):
-    """A fit to a frame; the markers that it explains, and which of them are at odd places."""
+    """A fit of M pairs to a frame, with the markers that it explains and that are suspicious."""
 
     fits: PairFits
-    visible: Mask  # (M, 2)
-    torn: Mask  # (M, 2), those that came off their neighbours, or their other layer
-    on_others: Mask  # (M, 2), those that lie on another one of their layer
-    touching: Mask  # (M,), pairs with a marker that touches another one of its layer
+    visible: Mask  # (M, 2) markers whose pixels the fit explains
+    torn: Mask  # (M, 2) markers that moved otherwise than their neighbours or their other layer
+    on_others: Mask  # (M, 2) markers that lie on another one of their layer
+    touching: Mask  # (M,) pairs with a marker that touches another one of its layer
 
 
 @dataclass(frozen=True, kw_only=True)
 class Memory:
-    """All that the tracker remembers from one frame to the next, for M pairs and L layers.
+    """Everything that the tracker keeps from one frame to the next, for M pairs and L layers.
 
     Attributes
     ----------
-    start: state that the next fit starts from, before the velocity is added
+    start: state from which the next fit starts, before the velocity is added
     velocity: expected change of the fits until the next frame, shape (M, 2, 5)
-    templates: of the pairs, changed in place
+    templates: templates of the pairs, changed in place
     visible: markers that were found, shape (M, 2)
-    intact: markers that were found and moved as their neighbours did, shape (M, 2)
+    intact: markers that were found and moved like their neighbours, shape (M, 2)
     last_seen: time of the last frame in which each marker was found [s], shape (L, M)
-    typical: median misfit under today's light, at least 1
-    waited: frames since colours and blur were fitted
-    patience: frames to wait before they are fitted again
-    frames: so far; lost pairs are looked for in turns by it
+    typical: median misfit under the present light, at least 1
+    waited: number of frames since colours and blur were fitted
+    patience: number of frames to wait before they are fitted again
+    frames: number of frames so far; it determines which lost pairs are tried
     """
 
     start: PairState
@@ -54,9 +54,9 @@ class Memory:
     frames: int = 0
 
     def copied(self) -> "Memory":
-        """The same memory with templates of its own."""
+        """Copy, including the templates."""
         return replace(self, templates=copied(self.templates))
 
     def expected(self) -> PairState:
-        """State that the next fit starts from."""
+        """State from which the next fit starts."""
         return replace(self.start, fits=self.start.fits + self.velocity)

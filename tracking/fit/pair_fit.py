@@ -1,8 +1,8 @@
-"""The fit of every marker pair of one sensor to an image.
+"""Fit of every marker pair of one sensor to an image.
 
-What is fitted is the known shape under the local light: each pair has a gain of its own for each
-channel; the gain's slope across the pair is read off its neighbours. Colours and blur are taken as
-given here; `tuning.py` fits them.
+Known shapes are fitted under the local light. Each pair has its own gain in each channel; the slope
+of the gain across the pair follows from its neighbours. Colours and blur are given here; `tuning`
+fits them.
 """
 
 from dataclasses import dataclass, replace
@@ -28,30 +28,30 @@ Array32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
-#: Level of black of a picture without fog or stray light.
+#: Black level of each channel, without fog or stray light.
 _NO_LIFT = (0.0, 0.0, 0.0)
 
 
 def level_variance(noise: float) -> float:
-    """Variance of a level, by noise of that standard deviation [grey levels] and by rounding."""
+    """Variance of a level by rounding and by noise of a standard deviation [grey levels]."""
     return noise**2 + 1.0 / 12.0
 
 
 @lru_cache(maxsize=64)
 def level_tables(black: tuple[float, ...], noise: float) -> tuple[Array32, Array32]:
-    """Linear light of each level, and 1 over its variance, of each channel, shape (3, 256).
+    """Linear light of each sRGB level, and its inverse variance, by channel, both (3, 256).
 
-    A camera of lower contrast, fog, or faded dyes lift the dark levels. Taking the level of black
-    away from sRGB levels restores the light but for its gain, which is fitted anyway.
+    Low camera contrast, fog or faded dyes raise the dark levels. Subtracting the black level
+    restores the light up to a gain, which is fitted anyway.
 
     Parameters
     ----------
-    black: level that stands for no light in each channel
+    black: black level of each channel, which means no light
     noise: standard deviation of the camera noise [grey levels]; rounding is added to it
     """
     lowest = np.array(black)[:, None]
     levels = (np.arange(256.0) - lowest) * (255.0 / (255.0 - lowest))
-    # Below black the curve goes on as a line.
+    # Below black the curve continues as a line.
     linear = np.where(levels > 0.0, decode_srgb(np.maximum(levels, 0.0)), levels / 255.0 / 12.92)
     weight = 1.0 / (np.gradient(linear, axis=1) ** 2 * level_variance(noise))
     return linear.astype(np.float32), weight.astype(np.float32)
@@ -60,12 +60,12 @@ def level_tables(black: tuple[float, ...], noise: float) -> tuple[Array32, Array
 def prepare_fit(
     rest: RestFrame, palette: Palette, noise: float, settings: PairSettings
 ) -> tuple["PairFit", PairState]:
-    """Fit of a sensor's pairs with nominal shapes and colours, and the state to start from.
+    """Make the fit of a sensor's pairs with nominal shapes and colours, and its start state.
 
     Parameters
     ----------
-    rest: see RestFrame; of one layer or two
-    palette: of the markers
+    rest: rest frame with one layer or two
+    palette: colours of the markers
     noise: standard deviation of the camera noise [grey levels]; rounding is added to it
     """
     linear, weight = level_tables(_NO_LIFT, noise)
@@ -101,7 +101,7 @@ def prepare_fit(
         settings=settings,
     )
     fits = np.zeros((count, 2, 5))
-    # A layer that has no marker here still needs a place.
+    # A layer without a marker here still needs a position.
     fits[:, :, :2] = np.where(np.isnan(position), middle, position).swapaxes(0, 1)
     return fit, PairState(
         fits=fits,
@@ -115,9 +115,9 @@ def prepare_fit(
 
 
 def _slope_matrices(middle: Array, near: NDArray[np.int64]) -> Array:
-    """Maps from the logarithms of the neighbours' gains, less the own one's, to their slope.
+    """Matrices from differences of log gain, K neighbours minus own, to the gain's slope [1/px].
 
-    It is the slope of the plane through them, shape (M, 2, K).
+    It is the slope of a plane fitted to them by least squares, shape (M, 2, K).
     """
     offsets = middle[near] - middle[:, None]
     centred = offsets - offsets.sum(axis=1, keepdims=True) / (offsets.shape[1] + 1)
@@ -128,21 +128,21 @@ def _slope_matrices(middle: Array, near: NDArray[np.int64]) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class PairFit:
-    """Fits the pairs of a rest frame to other frames; made by `prepare_fit`.
+    """Fits the M pairs of a rest frame to other frames; made by `prepare_fit`.
 
     Attributes
     ----------
-    optics: of the sensor, with nominal colours and blur
-    nominal: absorbed by both dyes, and left over by both, of each channel, shape (3, 3)
+    optics: constants of the pixel model, with nominal colours and blur
+    nominal: nominal a₀, a₁ and b (rows) of each channel, see `fit`, shape (3, 3)
     noise: standard deviation of the camera noise [grey levels]
-    radius: of the markers of each layer at rest [px], shape (2,)
-    near: pairs next to each pair, shape (M, K)
-    to_slope: see `_slope_matrices`, shape (M, 2, K)
+    radius: radius of each layer's markers at rest [px], shape (2,)
+    near: indices of the K pairs next to each pair, shape (M, K)
+    to_slope: matrices of `_slope_matrices`, shape (M, 2, K)
     buffer: working memory of the kernels, shape (BUFFER,)
-    free: numbers of each layer that are fitted: 5, or its place alone, 2
+    free: number of fitted parameters per marker: all 5, or 2 for the position alone
     rows: every `rows`-th row of the image is read
-    arrived: a pair whose step moves no edge by more than this has converged [px]
-    settings: tuned numbers
+    arrived: largest motion of an edge in the step of a converged pair [px]
+    settings: tuned parameters
     """
 
     optics: Optics
@@ -158,12 +158,12 @@ class PairFit:
     arrived: float = 0.0
 
     def with_effort(self, free: int, rows: int, arrived: float) -> "PairFit":
-        """The same fit with another effort; see the attributes of these names."""
+        """Copy with another effort; see the attributes of these names."""
         optics = self.optics._replace(reach=self.settings.close) if free == 2 else self.optics
         return replace(self, optics=optics, free=free, rows=rows, arrived=arrived)
 
     def with_shapes_of(self, state: PairState) -> tuple["PairFit", PairState]:
-        """The fit with a state's shapes as the nominal ones, and that state relative to them."""
+        """Copy with a state's shapes as nominal ones; also return the state relative to them."""
         size = np.exp(state.fits[..., 2])[..., None, None]
         p, q = state.fits[..., 3], state.fits[..., 4]
         strain = np.stack([np.stack([1 + p, q], -1), np.stack([q, 1 - p], -1)], axis=-2)
@@ -174,13 +174,13 @@ class PairFit:
         return replace(self, optics=optics), replace(state, fits=unstrained)
 
     def empty_templates(self) -> Pool:
-        """Room for the templates of all pairs."""
+        """Allocate templates for all pairs."""
         radius = float(self.radius.max()) + self.optics.reach * self.optics.width
         pairs, neighbours = self.optics.neighbours.shape
         return empty_templates(pairs, neighbours, radius, self.rows)
 
     def fit(self, image: Image, start: PairState, steps: int) -> PairFits:
-        """Fit all pairs of an image, from a state, in at most so many steps."""
+        """Fit all pairs to an image, from a start state, in at most `steps` steps."""
         work = self._work(image, _unknown(start.copied()))
         work.state.slopes[:, 2:] = 0.0
         self._step(work, np.ones(len(start.fits), dtype=np.bool_), steps)
@@ -189,17 +189,17 @@ class PairFit:
     def follow(
         self, image: Image, start: PairState, calm: Mask, limit: float, pool: Pool, steps: int
     ) -> PairFits:
-        """Fit all pairs of an image, by their templates where these are good enough.
+        """Fit all pairs to an image, by their templates where these are good enough.
 
         Parameters
         ----------
-        image: to fit
-        start: where the pairs are expected
-        calm: pairs whose templates are made anew where they are not good, shape (M,): for one that
-            moves on, a template does not pay
-        limit: of an edge's motion since its template was made [px]
-        pool: templates, in place
-        steps: of a fit without templates, at most
+        image: image to fit
+        start: expected state of the pairs
+        calm: pairs whose bad templates are replaced, shape (M,); a template does not pay for a pair
+            that keeps moving
+        limit: largest motion of an edge since its template was made [px]
+        pool: templates, changed in place
+        steps: largest number of steps of a fit without template
         """
         seen, near = _unknown(start.copied()), self.optics.neighbours
         work, state = self._work(image, seen, pool, calm), seen.state
@@ -232,11 +232,14 @@ class PairFit:
         limit: Array,
         steps: int,
     ) -> PairFits:
-        """Fit pairs above their limit of misfit (M,) again, with one layer alone, then with both.
+        """Fit pairs with too large a misfit again, with each layer alone, then with both.
 
-        Of these the ones in `tried`, shape (M,), are; the others are not there.
+        A layer that turns out to be missing does not shade its neighbours, which are fitted again.
 
-        A layer that is not there casts no shade on the neighbours, which are fitted again as well.
+        Parameters
+        ----------
+        tried: pairs that are fitted again, shape (M,); others with too large a misfit count as lost
+        limit: largest misfit of each pair, shape (M,)
         """
         bad = fits.misfit > limit
         state = fits.state.copied()
@@ -262,25 +265,25 @@ class PairFit:
 
     @cached_property
     def around(self) -> Around:
-        """Pairs next to each pair."""
+        """Neighbours of each pair, as the kernels take them."""
         return Around(self.near, self.to_slope)
 
     @cached_property
     def crowded_radii(self) -> Array:
-        """Distances of layers' markers that may be confused, and that touch [px], shape (2, 2)."""
+        """Distances at which markers may be confused, and touch (rows), by layer [px], (2, 2)."""
         return np.outer([self.settings.crowded, self.settings.touching], self.radius)
 
     @cached_property
     def touching_radii(self) -> Array:
-        """Distances of layers' markers that share light, and that touch [px], shape (2, 2)."""
+        """Distances at which markers share light, and touch (rows), by layer [px], (2, 2)."""
         return np.outer([self.settings.beside, self.settings.touching], self.radius)
 
     def hues(self, image: Image, fits: Array) -> Array:
-        """Mean hue inside each first-layer marker [°], shape (M,)."""
+        """Mean hue inside each marker of the first layer [°], shape (M,)."""
         return np.asarray(mean_hues(image, self.optics.shapes, fits))
 
     def optics_of(self, state: PairState) -> Optics:
-        """Optics with the colours, the blur and the level of black of a state."""
+        """Optics with the colours, the blur and the black level of a state."""
         linear, weight = level_tables(state.black, self.noise)
         return self.optics._replace(
             linear=linear,
@@ -293,7 +296,7 @@ class PairFit:
     def _work(
         self, image: Image, known: PairFits, pool: Pool = NO_TEMPLATES, kept: Mask | None = None
     ) -> "_Work":
-        """Work on what is known, whose arrays are changed."""
+        """Make the arrays of a fit; those of `known` are changed in place."""
         if kept is None:
             kept = np.zeros(len(known.misfit), dtype=np.bool_)
         return _Work(
@@ -309,9 +312,9 @@ class PairFit:
         )
 
     def _step(self, work: "_Work", wanted: Mask, steps: int) -> None:
-        """Steps on the wanted pairs, shape (M,), until they have converged."""
+        """Step the wanted pairs, shape (M,), until they have converged."""
         state = work.state
-        # Pairs that touch may still be far from their place.
+        # Pairs that touch may still be far from their final position.
         near, touching = self._lying(state)
         beside = near & ~touching
         converge(
@@ -322,7 +325,7 @@ class PairFit:
         near, touching = self._lying(state)
         touching |= near & ~beside
         beside = self._refine(work, wanted & touching & np.isfinite(work.misfit), beside)
-        # Pairs that are explained badly may lie at the edge of a shadow.
+        # Pairs with a large misfit may lie at the edge of a shadow.
         typical = max(1.0, median(work.misfit))
         uneven = wanted & np.isfinite(work.misfit) & (work.misfit > UNEVEN * typical)
         active = uneven
@@ -335,9 +338,9 @@ class PairFit:
         work.misfit[wanted & (work.moved > max(self.arrived, self.settings.nearly))] = np.inf
 
     def _refine(self, work: "_Work", refined: Mask, beside: Mask) -> Mask:
-        """More steps for pairs that touch; returns the pairs that share the light at their edges.
+        """Make more steps for pairs that touch; return the pairs that share light at their edges.
 
-        Each is fitted to where the others were, so that they converge slowly.
+        Each is fitted with the others at their last positions, so that they converge slowly.
         """
         settings = self.settings
         if not refined.any():
@@ -364,7 +367,7 @@ class PairFit:
         return beside
 
     def _lying(self, state: PairState) -> tuple[Mask, Mask]:
-        """Pairs (M,) whose markers share light with others of their layer, and that touch them."""
+        """Masks (M,) of pairs whose markers share light with others of a layer, or touch them."""
         near, touching = lying(
             state.fits, state.present, self.optics.neighbours, self.touching_radii
         )
@@ -377,11 +380,11 @@ class _Work:
 
     Attributes
     ----------
-    fit, image, optics: that the steps belong to
+    fit, image, optics: method, image and constants of the pixel model
     state, covariance, misfit: as in `PairFits`
     moved: last step of each pair [px], shape (M,)
-    kept: pairs whose templates are made anew, shape (M,)
-    pool: of these
+    kept: pairs whose templates are replaced, shape (M,)
+    pool: templates
     """
 
     fit: PairFit
@@ -396,11 +399,11 @@ class _Work:
 
     @cached_property
     def extents(self) -> Array:
-        """About the largest distance of each marker's edge from its centre [px], shape (M, 2)."""
+        """Approximate largest distance of each marker's edge from its centre [px], (M, 2)."""
         return np.asarray(extents_of(self.optics, self.state.fits))
 
     def step(self, active: Mask, uneven: Mask, beside: Mask) -> None:
-        """One step of the active pairs; see `fit_step`."""
+        """Make one step of the active pairs; see `fit_step`."""
         fit, state = self.fit, self.state
         fit_step(
             self.image, self.optics, self.extents, active, state.present, uneven, beside,
@@ -409,11 +412,11 @@ class _Work:
         )  # fmt: skip
 
     def fits(self) -> PairFits:
-        """The fit so far."""
+        """Result of the fit so far."""
         return PairFits(self.state, self.misfit, self.covariance)
 
 
 def _unknown(state: PairState) -> PairFits:
-    """A state of which no fit is known."""
+    """Result without a fit yet: infinite misfit and NaN covariance."""
     count = len(state.fits)
     return PairFits(state, np.full(count, np.inf), np.full((count, 9, 9), np.nan))

@@ -1,4 +1,4 @@
-"""Values of the pair fit: the state of the pairs, and a fit with its certainty."""
+"""Values of the pair fit: the state of the pairs, and a fit with its misfit and covariance."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,17 +13,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PairState:
-    """State of M pairs, and of the light on them.
+    """State of M pairs and of the light on them.
 
     Attributes
     ----------
-    fits: (x, y, e, p, q) of both layers, see `pair_kernels`, shape (M, 2, 5)
-    present: layers that are there, shape (M, 2)
+    fits: parameters (x, y, e, p, q) of both layers' markers, see `pair_kernels`, shape (M, 2, 5)
+    present: whether each layer has a marker, shape (M, 2)
     gains: light of each channel over that at rest, shape (M, 3)
     slopes: change of the light across each pair, see `pixel_kernels`, shape (M, 5)
-    absorbed: share of the light that each dye absorbs, and that both together leave, shape (3, 3)
+    absorbed: a₀, a₁ and b (rows) of each channel, see `fit`, shape (3, 3)
     width: standard deviation of an edge [px]
-    black: level of each channel that stands for no light
+    black: black level of each channel, which means no light
     """
 
     fits: Array
@@ -35,7 +35,7 @@ class PairState:
     black: tuple[float, ...]
 
     def copied(self) -> "PairState":
-        """The same state with arrays of its own, which a fit may change in place."""
+        """Copy whose arrays a fit may change in place."""
         return replace(
             self,
             fits=self.fits.copy(),
@@ -45,19 +45,19 @@ class PairState:
         )
 
     def unsloped(self) -> "PairState":
-        """The same state with even light on each pair."""
+        """Copy with even light on each pair."""
         return replace(self, slopes=np.zeros_like(self.slopes))
 
 
 @dataclass(frozen=True)
 class PairFits:
-    """A fit: the state, how well it explains the image, and how certain it is.
+    """Result of a fit: the state, its misfit to the image, and its covariance.
 
     Attributes
     ----------
-    state: after the fit
+    state: state after the fit
     misfit: mean squared residual over noise variance, shape (M,); infinite where no fit was found
-    covariance: of (x, y, e) of both layers and of the gains' logarithms, shape (M, 9, 9)
+    covariance: covariance of (x, y, e) of both layers and the logarithms of the gains, (M, 9, 9)
     """
 
     state: PairState
@@ -71,12 +71,12 @@ class PairFits:
 
     @property
     def score(self) -> float:
-        """Median misfit, pairs without a fit counted as very large."""
+        """Median misfit; a pair without a fit counts as 1e9."""
         return float(median(np.minimum(self.misfit, 1e9)))
 
 
 def chosen(which: NDArray[np.bool_], first: PairState, second: PairState) -> PairState:
-    """Some pairs, shape (M,), of one state, the others of another."""
+    """Combine two states: pairs in `which`, shape (M,), from the first, others from the second."""
     row = which[:, None]
     return replace(
         second,

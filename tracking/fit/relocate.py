@@ -1,7 +1,7 @@
-"""Detection of all markers without the frame before; numbers are assigned from the rim inwards.
+"""Detection of all markers without the previous frame; numbers are assigned from the rim inwards.
 
-The rim of a fingertip is held, and the skin inside it moves smoothly. So markers get their numbers
-from the outermost inwards: each is looked for at the place that its numbered neighbours predict.
+The rim of a fingertip is fixed, and the skin inside it moves smoothly. So markers get their numbers
+from the outermost inwards: each is searched at the position that its numbered neighbours predict.
 This works for motions of more than half a pitch.
 """
 
@@ -28,9 +28,9 @@ class Relocated:
 
     Attributes
     ----------
-    position: [px], shape (L, M, 2); predicted for those not found
-    found: shape (L, M)
-    ambiguous: found, but another blob or number fits nearly as well, shape (L, M)
+    position: positions [px], shape (L, M, 2); predicted for those not found
+    found: whether each marker was found, shape (L, M)
+    ambiguous: whether it was found, but another blob or number fits nearly as well, shape (L, M)
     gains: light of each channel over that at rest, at each marker, shape (M, 3)
     """
 
@@ -45,9 +45,9 @@ class Relocator:
 
     Parameters
     ----------
-    rest: see RestFrame
-    palette: of the markers
-    settings: tuned numbers
+    rest: rest frame
+    palette: colours of the markers
+    settings: tuned parameters
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Relocator:
         self._middle = middle
 
     def __call__(self, image: Image) -> Relocated:
-        """Markers of an image of the rest frame's size."""
+        """Find the markers in an image of the rest frame's size."""
         blobs, gains = self._blobs(image)
         parts = [self._number(at, blobs[layer]) for layer, at in enumerate(self._rest.position)]
         position, found, ambiguous = (np.stack(part) for part in zip(*parts, strict=True))
@@ -81,7 +81,7 @@ class Relocator:
         return Relocated(position, found, ambiguous, np.exp(gains[y, x].astype(float)))
 
     def _blobs(self, image: Image) -> tuple[list[Array], NDArray[np.float32]]:
-        """Centres (n, 2) of each layer's blobs, and logarithm of the light over rest, (H, W, 3)."""
+        """Centres (n, 2) of each layer's blobs, and log of light over that at rest, (H, W, 3)."""
         settings = self._settings
         ratio = np.asarray(cv2.LUT(image, self._log_levels)) - self._log_ground
         ratio[~self._skin] = 0.0
@@ -98,7 +98,7 @@ class Relocator:
         return blobs, gains
 
     def _light(self, ratio: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Logarithm of the light on the ground over that at rest, shape (H, W, 3)."""
+        """Estimate the logarithm of the ground's light over that at rest, shape (H, W, 3)."""
         settings = self._settings
         height, width = self._skin.shape
         size = max(8, round(settings.block * self._rest.pitch))
@@ -127,7 +127,7 @@ class Relocator:
     def _number(
         self, rest: Array, blobs: Array
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Positions of one layer's markers, whether found, and whether ambiguous."""
+        """Assign blobs to one layer's markers: positions, whether found, whether ambiguous."""
         settings = self._settings
         count = len(rest)
         present = np.isfinite(rest[:, 0])
@@ -159,7 +159,7 @@ class Relocator:
         return rest + moved, found, ambiguous
 
     def _expected(self, m: int, moved: Array) -> Array:
-        """Displacement [px] of a marker that its numbered neighbours predict."""
+        """Predict the displacement of a marker [px] from its numbered neighbours."""
         settings = self._settings
         near = self._near[m]
         known = near[np.isfinite(moved[near, 0])][: settings.around]

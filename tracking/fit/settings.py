@@ -1,22 +1,22 @@
-"""Settings of the default tracker: its effort, and its tuned numbers with unit and effect."""
+"""Settings of the default tracker: its effort, and its tuned parameters with unit and effect."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
 class PairSettings:
-    """Tuned numbers of the fit of the marker pairs.
+    """Tuned parameters of the fit of the marker pairs.
 
     Attributes
     ----------
-    reach: distance outside an edge up to which pixels are read, where sizes are fitted [standard
+    reach: distance outside an edge up to which pixels are read when sizes are fitted [standard
         deviations of the edge]
-    close: the same where only places are fitted
+    close: the same distance when only positions are fitted
     nearly: last step above which a fit did not converge [px]
     uneven_steps: largest number of steps with uneven light
     first_blur: blur of the first fit, standard deviation [px]
-    near: number of neighbours that the slope of the light follows from
-    overlapping: number of neighbours at rest that may come to lie on a pair
+    near: number of neighbours from which the slope of the light is estimated
+    overlapping: number of neighbours at rest that may later lie on a pair
     crowded: distance below which markers of a layer may be confused [radii]
     touching: distance below which markers touch [radii]; they take more and smaller steps
     beside: distance below which markers share the light between their edges [radii]
@@ -42,20 +42,20 @@ class PairSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class TuningSettings:
-    """Tuned numbers of the fit of colours, blur and black.
+    """Tuned parameters of the fit of colours, blur and black level.
 
     Attributes
     ----------
     wider: factor by which an edge is tried wider or narrower
     widest: largest width of an edge, and inverse of the smallest, over that at rest
-    rounds: number of rounds in which colours and places are fitted in turns
-    blacks: tried levels of black [grey levels]; levels next to 0 would be taken for a dye's light
+    rounds: number of rounds in which colours and positions are fitted alternately
+    blacks: black levels to try [grey levels]; levels near 0 could be confused with a dye's light
     faded: share of its contrast at rest below which a dye cannot be fitted
-    palette_error: deviation of the share of light that a dye of the palette absorbs
-    own_errors: weight of an image compared with the palette, over that of its noise alone: errors
-        of the model are common to all pixels
-    odd: residual of a pair over the median above which it weighs less: at the rim, where the ground
-        is uncertain, a few would decide the colours of all
+    palette_error: standard deviation of the share of light that a dye of the palette absorbs
+    own_errors: weight of the image against the palette, over the weight that its noise alone would
+        give; errors of the model are common to all pixels
+    odd: residual of a pair over the median above which its weight is reduced; a few pairs at the
+        rim, where the ground is uncertain, would else determine all colours
     """
 
     wider: float = 1.15
@@ -70,18 +70,18 @@ class TuningSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class RestSettings:
-    """Tuned numbers of the fit to the rest frames.
+    """Tuned parameters of the fit to the rest frames.
 
     Attributes
     ----------
     steps: largest number of steps of the first fit
-    arrived: step of an edge below which a pair has converged [px]
-    worse: median misfit above which colours and blur are fitted, so far below that of later frames
-        that no noise lifts one of them above it
-    unexplained: median misfit above which the shapes are no discs, or the noise is larger
+    arrived: motion of an edge in a step, below which a pair has converged [px]
+    worse: median misfit above which colours and blur are fitted; below `FitSettings.worse`, so that
+        noise alone does not cause this in a later frame
+    unexplained: median misfit above which a larger noise is assumed, as shapes are no ideal discs
     noisiest: largest noise that is assumed then [grey levels]
-    no_light: share of the typical light below which a pair without a fit is no marker
-    odd_size: deviation of the log size above which it is none
+    no_light: share of the typical light below which a pair without a fit is not a marker
+    odd_size: deviation of the log size above which a pair without a fit is not a marker
     least_share: share of the pairs that must look like markers
     """
 
@@ -97,16 +97,17 @@ class RestSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class LookSettings:
-    """Tuned numbers of the judgement of a fit; distances are in pitches of the markers.
+    """Tuned parameters of the judgement of a fit; distances are in pitches of the markers.
 
     Attributes
     ----------
-    torn: difference between displacements of neighbours, or layers, above which they are torn off
-    went_on: distance from its expected place below which a marker was not confused
-    aside: distance from the place that the other layer shows, above which a marker on another one
-        may be confused with it [radii]
+    torn: difference between displacements of neighbours, or of layers, above which a marker counts
+        as torn off, that is probably confused with another one
+    went_on: distance from its expected position below which a marker was not confused
+    aside: distance from the position predicted by the other layer, above which a marker that lies
+        on another one may be confused with it [radii]
     turns: number of frames in which each lost pair is examined once
-    moved: displacement above which pairs show how far one layer moves with the other
+    moved: displacement above which pairs show the ratio of both layers' displacements
     """
 
     torn: float = 0.4
@@ -118,18 +119,18 @@ class LookSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class RelocationSettings:
-    """Tuned numbers of the detection without the last frame; distances are in pitches.
+    """Tuned parameters of the detection without the previous frame; distances are in pitches.
 
     Attributes
     ----------
     block: side of the blocks in which the light is measured
-    ground_share: share of a block's pixels that certainly is ground
+    ground_share: share of a block's pixels that is certainly ground
     smallest, largest: bounds of the area of a blob over that at rest
-    reach: distance from the predicted place above which a blob is another marker
-    certain: distance below which a blob is certain
+    reach: largest distance of a blob from the predicted position of its marker
+    certain: distance below which the assignment of a blob is certain
     nearly: ratio of the distances of the second and the first blob above which it is certain, too
-    around: number of neighbours that predict the place of a marker
-    stiff: weight of the prior of no slope in the neighbours' displacement [px]
+    around: number of neighbours that predict the position of a marker
+    stiff: weight of the prior that neighbours' displacements have no gradient [px]
     """
 
     block: float = 2.0
@@ -145,23 +146,23 @@ class RelocationSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class CompressionSettings:
-    """Tuned numbers for the detection of lossy compression, and for its errors.
+    """Tuned parameters of the detection of lossy compression, and of its errors.
 
     Attributes
     ----------
-    blocks: number of blocks that are examined, the flattest ones at rest
-    darkest, brightest: levels that the camera does not clip
-    rounding: noise that rounding and the steps of a smooth shade count as [grey levels]
+    blocks: number of examined blocks, the flattest ones at rest
+    darkest, brightest: range of levels that the camera does not clip
+    rounding: noise equivalent to rounding and to the steps of a smooth shade [grey levels]
     different: residuals at the markers over the fine noise next to them, above which a picture was
-        compressed; noise alone gives 1.2, the smallest loss that matters 4
-    white: share of the coarse noise of colour above which the fine one shows no compression
-    present: fine noise below which its kind is unknown [grey levels]
-    least: error of the inner layer over the stated deviation, where most of the noise was kept
-    smoothed: share added where all noise of brightness was removed
-    most_noise: fine noise of brightness over the residuals, where most of it was kept
+        compressed; noise alone gives 1.2, the smallest relevant compression 4
+    white: fine over coarse colour noise, above which there is no compression
+    present: fine colour noise below which this ratio is not used [grey levels]
+    least: actual over stated standard deviation of the inner layer if most noise was kept
+    smoothed: relative increase of `least` if all noise of brightness was removed
+    most_noise: fine noise of brightness over the residuals if most noise was kept
     coarse: residuals above which the quantisation was coarse [grey levels]
     moved: motion at which half of the error's variance is reached [px]
-    shares: errors of (x, y, log size) of each layer over those of the inner layer's place
+    shares: errors of (x, y, log size) of each layer over the error of the inner layer's position
     """
 
     blocks: int = 256
@@ -181,7 +182,7 @@ class CompressionSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FitSettings:
-    """Settings of `MarkerTracker`: effort of a frame, and tuned numbers.
+    """Settings of `MarkerTracker`: effort per frame, and tuned parameters.
 
     Attributes
     ----------
@@ -189,13 +190,15 @@ class FitSettings:
     limit: motion of an edge after which the template of its pair is computed again [px]
     steps: largest number of steps of a fit to a frame
     worse: factor on the median misfit above which colours and blur are fitted, too
-    better: share of the misfit below which such a fit helped
-    patience: frames between two such fits, while these change nothing
-    few, few_share: newly lost markers, and share of all, above which all are detected again
-    lost: misfit of a pair over the typical one, above which it is no marker
-    worst: largest typical misfit that counts
-    touching_size: deviation added to the log size of a marker that touches another of its layer
-    pairs, tuning, rest, looks, relocation, compression: parts of the method
+    better: remaining share of the misfit below which such a fit helped
+    patience: number of frames between two such fits while they do not help
+    few, few_share: number of newly lost markers, and share of all, above which all are detected
+        again
+    lost: misfit of a pair over the typical one, above which it counts as lost
+    worst: upper bound of the typical misfit in this comparison
+    touching_size: standard deviation added to the log size of a marker that touches another one of
+        its layer
+    pairs, tuning, rest, looks, relocation, compression: settings of the parts of the method
     """
 
     rows: int = 1

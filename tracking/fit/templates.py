@@ -1,8 +1,9 @@
-"""Templates: what the model of each pair said where it was last fitted, kept until the pair moves.
+"""Templates: the linearised model of each pair at its last full fit, kept until the pair moves.
 
-A template holds the expected level of every pixel of a pair, what each layer's coverage changes in
-it, the normals of the edges, and the inverse of the information on the pair's unknowns. A frame
-then costs sums of sixteen products over the pixels: the step of the fit with the slopes of before.
+A template holds the expected level of every pixel of a pair, its derivatives with respect to the
+coverage by each layer, the normals of the edges, and the inverse information matrix of the pair's
+unknowns. A frame then costs sixteen sums of products over the pixels: a step of the fit with the
+derivatives of the template.
 """
 
 import numpy as np
@@ -15,15 +16,15 @@ Array = NDArray[np.float64]
 
 
 def empty_templates(pairs: int, neighbours: int, radius: float, rows: int) -> Pool:
-    """Room for the templates of some pairs, none of which is made yet.
+    """Allocate templates, none of which is made yet.
 
     Parameters
     ----------
-    pairs, neighbours: number of pairs, and of those that may come near each
-    radius: of a marker with its blurred edge [px]
+    pairs, neighbours: number of pairs, and of pairs that may come near each
+    radius: radius of a marker with its blurred edge [px]
     rows: every `rows`-th row of the image is read
     """
-    # Pixels of a pair over those of one marker, and of a row's blocks next to those that are read.
+    # Pixels of a pair over those of one marker; further pixels per row, as blocks are whole.
     room, spare = 1.6, 7.0
     lines = int(2.0 * room * radius / rows) + 2
     blocks = int((room * np.pi * radius**2 / rows + spare * lines) / BLOCK) + 1
@@ -45,15 +46,15 @@ def empty_templates(pairs: int, neighbours: int, radius: float, rows: int) -> Po
     )
 
 
-#: No room for any template.
+#: Templates of no pair.
 NO_TEMPLATES = empty_templates(0, 0, 0.0, 1)
 
 
 def forget(pool: Pool, pairs: NDArray[np.bool_] | None = None) -> None:
-    """Forget the templates of some pairs, shape (M,), or of all."""
+    """Discard the templates of some pairs, shape (M,), or of all."""
     pool.counts[slice(None) if pairs is None else pairs, 0] = 0
 
 
 def copied(pool: Pool) -> Pool:
-    """The same templates in arrays of their own."""
+    """Copy of all arrays of the templates."""
     return Pool._make(values.copy() for values in pool)

@@ -1,8 +1,9 @@
-"""The default tracker: in every frame the known shapes are fitted anew.
+"""The default tracker: a new fit of the known shapes to every frame.
 
-The last frame only says where each fit starts, so that errors do not add up. A marker whose pixels
-are not explained is lost. Markers keep their numbers by continuity in time; where that breaks, or
-several are lost at once, all are detected anew and numbered from the rim inwards, see `relocate`.
+The last frame only determines where each fit starts, so that errors do not accumulate. A marker
+whose pixels the fit does not explain is lost. Markers keep their numbers by continuity in time. If
+that breaks, or several are lost at once, all are detected again and numbered from the rim inwards,
+see `relocate`.
 """
 
 from dataclasses import replace
@@ -35,18 +36,18 @@ Mask = NDArray[np.bool_]
 FULL = FitSettings()
 #: Settings that read every other row of the image.
 SPARSE = FitSettings(rows=2, limit=0.1)
-#: The same, with templates that are kept for longer.
+#: Settings of `SPARSE`, with templates that are kept for longer.
 QUICK = FitSettings(rows=2, limit=0.2)
 
 
 class MarkerTracker:
-    """Fits place, size and strain of all markers of both layers, and the light on them.
+    """Fits position, size and strain of all markers of both layers, and the light on them.
 
     Parameters
     ----------
-    palette: of the markers
+    palette: colours of the markers
     noise: standard deviation of the camera noise [grey levels]; rounding is added to it
-    settings: effort of a frame, and tuned numbers
+    settings: effort per frame, and tuned parameters
 
     Attributes
     ----------
@@ -62,7 +63,7 @@ class MarkerTracker:
 
     @property
     def state(self) -> Memory:
-        """All that changes from frame to frame; a copy, as templates are changed in place."""
+        """Copy of everything that changes from frame to frame."""
         return self._memory.copied()
 
     @state.setter
@@ -92,13 +93,13 @@ class MarkerTracker:
         )
         look = surveyed(known, self._memory, fits)
         tracks = _tracks(known, self._memory, rest[-1], look, np.zeros_like(visible))
-        if tracks.compression > 1.0:  # its errors are the same in all rest frames
+        if tracks.compression > 1.0:  # errors common to all rest frames do not average out
             tracks = replace(tracks, covariance=len(rest) * tracks.covariance)
         self.rest = tracks
         return self.rest
 
     def update(self, frame: Frame) -> Tracks:
-        """Markers in the next frame.
+        """Find the markers in the next frame.
 
         Raises
         ------
@@ -111,23 +112,23 @@ class MarkerTracker:
 
 
 def sparse(palette: Palette, noise: float) -> MarkerTracker:
-    """Tracker that reads every other row of the image: noisier, in less time."""
+    """Make a tracker that reads every other row of the image: noisier, but faster."""
     return MarkerTracker(palette, noise, SPARSE)
 
 
 def quick(palette: Palette, noise: float) -> MarkerTracker:
-    """Tracker as `sparse`, whose templates are kept until a pair has moved twice as far."""
+    """Make a tracker like `sparse` whose templates are kept until a pair has moved twice as far."""
     return MarkerTracker(palette, noise, QUICK)
 
 
 def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
-    """Memory after a frame, and its tracks.
+    """Track one frame; return the memory after it, and its tracks.
 
     Parameters
     ----------
-    known: the unloaded sensor
-    memory: after the frame before; its templates are changed in place
-    frame: of the rest frame's size
+    known: fit of the unloaded sensor
+    memory: memory after the previous frame; its templates are changed in place
+    frame: frame of the rest frame's size
     """
     image = np.ascontiguousarray(frame.image)
     memory = replace(memory, frames=memory.frames + 1)
@@ -161,7 +162,7 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
 
 
 def _start_at(known: AtRest, memory: Memory, relocated: Relocated) -> PairState:
-    """State to start from at positions that were found without the fit."""
+    """State with markers at relocated positions, from which a fit starts."""
     fits = known.state.fits.copy()
     finite = np.isfinite(relocated.position)
     at = np.swapaxes(fits, 0, 1)[: known.layers, :, :2]
@@ -172,10 +173,10 @@ def _start_at(known: AtRest, memory: Memory, relocated: Relocated) -> PairState:
 def _tuned(
     known: AtRest, memory: Memory, image: Image, look: Look, ambiguous: Mask, start: PairState
 ) -> tuple[Memory, Look, Mask]:
-    """Memory, look and ambiguous markers with the colours and the blur fitted, where it is time.
+    """Fit colours and blur if needed; return the memory, look and ambiguous markers.
 
-    It is time when the pairs are explained worse than before, and now and then while they are
-    explained worse than at rest: what is left there no colours explain.
+    They are fitted when the misfit is larger than before, and at growing intervals while it is
+    larger than at rest, as colours may not be the cause.
     """
     settings, least = known.settings, 1.0
     waited, patience = memory.waited + 1, memory.patience
@@ -187,10 +188,10 @@ def _tuned(
     before = look.fits.typical
     tried = is_time(before)
     if tried:
-        # Templates explain less as the pairs move on, which no colours change.
+        # Templates fit less well as pairs move, and colours do not improve that.
         forget(memory.templates)
         fresh = known.fit.fit(image, look.fits.state.unsloped(), settings.steps)
-        before = min(before, fresh.typical)  # what is gained by that is not the colours' merit
+        before = min(before, fresh.typical)  # do not credit this gain to the colours
         look = better(look, judge(known, memory, image, fresh, start))
         tried = is_time(look.fits.typical)
     typical = look.fits.typical
@@ -201,7 +202,7 @@ def _tuned(
         fits = tune(known.fit, image, look.fits, shapes, settings.steps, settings.tuning)
         light = fits.state
         if fits is look.fits:
-            # No light explains more, and it is not tried again where it is as bad again.
+            # No colours fit better; do not try again until the misfit grows further.
             least = memory.typical
         elif not faded(known.fit, light, settings.tuning):
             start = replace(start, absorbed=light.absorbed, width=light.width, black=light.black)
@@ -218,10 +219,10 @@ def _tuned(
 
 
 def _remember(known: AtRest, memory: Memory, look: Look, steady: bool) -> Memory:
-    """Memory after a look; lost markers move with their visible neighbours."""
+    """Update the memory after a look; lost markers move with their visible neighbours."""
     visible, state, near = look.visible, look.fits.state, known.fit.near
     lost = np.asarray((~visible & known.state.present).any(axis=1)) & ~known.odd
-    # A layer that is not there stays where it is at rest.
+    # A missing layer keeps its rest position.
     followed = visible | (known.state.present & known.odd[:, None])
     fits = np.where(followed[..., None], state.fits, known.state.fits)
     if lost.any():
@@ -242,14 +243,15 @@ def _remember(known: AtRest, memory: Memory, look: Look, steady: bool) -> Memory
 
 
 def _go_on(known: AtRest, memory: Memory, state: PairState, fits: Array, steady: Mask) -> Memory:
-    """Memory with the start and the velocity of the next frame.
+    """Update start and velocity for the next frame.
 
     Parameters
     ----------
-    state, fits: of this frame; of lost markers, as they are assumed
-    steady: markers that this frame shows the velocity of, shape (M, 2)
+    state: state of this frame
+    fits: parameters of the markers in this frame, assumed ones for lost markers, (M, 2, 5)
+    steady: markers whose velocity is known from this frame, shape (M, 2)
     """
-    # The mean over the neighbours is a steadier guess than each marker's own step.
+    # The mean over the neighbours is less noisy than each marker's own step.
     velocity = np.empty_like(fits)
     velocities(fits, memory.start.fits, steady, known.fit.near, velocity)
     start = replace(state, fits=fits, present=known.state.present)
@@ -257,14 +259,14 @@ def _go_on(known: AtRest, memory: Memory, state: PairState, fits: Array, steady:
 
 
 def _at_time(memory: Memory, frame: Frame, visible: Mask) -> Memory:
-    """Memory with the frame's time for the markers that are visible in it."""
+    """Set `last_seen` of the visible markers to the frame's time."""
     layers = len(memory.last_seen)
     last_seen = np.where(visible.T[:layers], frame.time, memory.last_seen)
     return replace(memory, last_seen=last_seen)
 
 
 def _tracks(known: AtRest, memory: Memory, frame: Frame, look: Look, ambiguous: Mask) -> Tracks:
-    """Tracks of a frame from a look at it."""
+    """Make the tracks of a frame from its look."""
     layers, fit, visible = known.layers, look.fits, look.visible
     fits, covariance = fit.state.fits.copy(), fit.covariance.copy()
     log_size, spread = np.empty((2, len(fits))), np.ones((len(fits), 6))
@@ -273,7 +275,7 @@ def _tracks(known: AtRest, memory: Memory, frame: Frame, look: Look, ambiguous: 
         offset = (fits - known.state.fits)[..., :2]
         moved = np.linalg.norm(np.where(visible[..., None], offset, 0.0), axis=2).max(axis=1)
         spread = deviations(factor, moved, known.settings.compression)
-    # Where markers touch, sizes depend on the light between them, which is less certain.
+    # Sizes of touching markers depend on the light between them, which is less certain.
     doubt = known.settings.touching_size**2 * look.touching
     report(
         fit.state.gains, known.state.gains, fit.misfit, visible, known.fit.near, spread, doubt,
@@ -294,7 +296,7 @@ def _tracks(known: AtRest, memory: Memory, frame: Frame, look: Look, ambiguous: 
 
 
 def _compression(known: AtRest, image: Image, fit: PairFits) -> float:
-    """Factor of compression on the deviations of a frame; 1 for none."""
+    """Factor by which compression increased the standard deviations in a frame; 1 for none."""
     residual = np.sqrt(fit.typical * level_variance(known.fit.noise))
     own = known.settings.compression
     return compression(float(residual), fine_part(image, known.flat), own)

@@ -1,7 +1,7 @@
-"""Fit of the colours and the blur, to all pairs together, where the pairs stop being explained.
+"""Fit of colours and blur to all pairs together, when the misfit of the pairs has grown.
 
 Light over the ground's is 1 − a₀·C₀ − a₁·C₁ + b·C₀₁, with the coverages C, the share a that a dye
-absorbs, and the share b that both together leave over. For known places it is linear in a and b.
+absorbs, and the correction b where both dyes lie. For known positions it is linear in a and b.
 """
 
 from dataclasses import replace
@@ -29,16 +29,16 @@ def tune(
     steps: int,
     settings: TuningSettings,
 ) -> PairFits:
-    """Fit with colours, blur and level of black that explain the image best, or the one before.
+    """Fit with the best colours, blur and black level; return `before` if nothing is better.
 
     Parameters
     ----------
-    fit: of the sensor
-    image, before: a fit to the image that may not explain it
-    shapes: fits (M, 2, 5) whose sizes and strains are kept until the colours are known: they would
-        make up for wrong colours
+    fit: fit of the sensor's pairs
+    image, before: image and a fit to it, which may have a large misfit
+    shapes: parameters (M, 2, 5) whose sizes and strains are kept until the colours are known;
+        otherwise they would compensate wrong colours
     steps: largest number of steps of each fit
-    settings: tuned numbers
+    settings: tuned parameters
     """
     places = fit.with_effort(2, fit.rows, fit.arrived)
     fits = np.concatenate([before.state.fits[..., :2], shapes[..., 2:]], axis=-1)
@@ -62,7 +62,7 @@ def tune(
 
 
 def faded(fit: PairFit, state: PairState, settings: TuningSettings) -> bool:
-    """Whether a dye of a state has lost so much contrast that the fit means nothing."""
+    """Whether a dye of a state has lost too much contrast for a meaningful fit."""
     now = np.linalg.norm(state.absorbed[:2], axis=1)
     return bool((now < settings.faded * np.linalg.norm(fit.nominal[:2], axis=1)).any())
 
@@ -70,19 +70,19 @@ def faded(fit: PairFit, state: PairState, settings: TuningSettings) -> bool:
 def _with_colours(
     fit: PairFit, image: Image, state: PairState, settings: TuningSettings
 ) -> PairState:
-    """State with the colours that explain the image best on its markers, and gains to match."""
+    """State with the colours that fit the image best at the state's markers, and matching gains."""
     pairs, sums = _light_sums(fit, image, state)
     absorbed, gain, _ = _fit_colours(sums, fit.nominal, settings)
     gains = state.gains.copy()
     gains[pairs] *= gain
-    # Rows one after another, as in `prepare_fit`: else every kernel would be compiled once more.
+    # C order, as in `prepare_fit`: another order would compile every kernel again.
     return replace(state, absorbed=absorbed.astype(np.float32, order="C"), gains=gains)
 
 
 def _black(
     fit: PairFit, image: Image, state: PairState, settings: TuningSettings
 ) -> tuple[float, ...]:
-    """Level of black in each channel that leaves the least doubt about the colours."""
+    """Black level of each channel for which the colours fit best."""
     doubts = []
     for level in settings.blacks:
         _, sums = _light_sums(fit, image, replace(state, black=(level,) * 3))
@@ -91,7 +91,7 @@ def _black(
 
 
 def _light_sums(fit: PairFit, image: Image, state: PairState) -> tuple[NDArray[np.intp], Array]:
-    """Numbers of the n pairs that show colours, and their `light_sums`, shape (n, 3, 5, 5)."""
+    """Indices of the n pairs that show colours, and their `light_sums`, shape (n, 3, 5, 5)."""
     sums = np.zeros((len(state.fits), 3, 5, 5))
     light_sums(
         image, fit.optics_of(state), state.present, fit.rows, state.fits, state.gains,
@@ -102,27 +102,28 @@ def _light_sums(fit: PairFit, image: Image, state: PairState) -> tuple[NDArray[n
 
 
 def _fit_colours(sums: Array, known: Array, settings: TuningSettings) -> tuple[Array, Array, Array]:
-    """Colours near the known ones that explain the pairs best, each pair with gains of its own.
+    """Fit colours to all pairs, with the known ones as a prior and separate gains for each pair.
 
     Parameters
     ----------
-    sums: of `light_sums`, of n pairs, shape (n, 3, 5, 5)
-    known: absorbed by both dyes, and left over by both, of each channel, shape (3, 3)
+    sums: result of `light_sums` for n pairs, shape (n, 3, 5, 5)
+    known: prior a₀, a₁ and b (rows) of each channel, shape (3, 3)
+    settings: tuned parameters
 
     Returns
     -------
-    absorbed: shape (3, 3)
-    gain: of each pair and channel, shape (n, 3)
-    doubt: squared residuals, and distance of the colours from the known ones, of each channel, (3,)
+    absorbed: fitted a₀, a₁ and b, shape (3, 3)
+    gain: gain of each pair and channel, shape (n, 3)
+    doubt: cost of each channel: weighted squared residuals plus distance from the prior, (3,)
     """
     model, product = _explained(sums, known)
     gain = product / model
     left = sums[:, :, 4, 4] - product**2 / model
     most = settings.odd * np.median(left, axis=0) if len(left) else np.zeros(3)
-    # In a picture of one colour nothing is left over, which is no oddity.
+    # In a picture of one colour residuals are 0, and the weight stays 1.
     weight = np.divide(most, left, out=np.ones_like(left), where=left > most)
     sums = sums * weight[..., None, None]
-    # Only what differs from the mean over the pair depends on the colours.
+    # Only deviations from the mean over the pair depend on the colours.
     mean = sums[:, :, 0, 1:4] / sums[:, :, :1, 0]
     inner = sums[:, :, 1:4, 1:4] - sums[:, :, :1, 1:4] * mean[..., None]
     pull = sums[:, :, 1:4, 4] - mean * sums[:, :, :1, 4]
@@ -138,7 +139,7 @@ def _fit_colours(sums: Array, known: Array, settings: TuningSettings) -> tuple[A
 
 
 def _explained(sums: Array, absorbed: Array) -> tuple[Array, Array]:
-    """Square of the model, and its product with the observed light, of each pair and channel."""
+    """Sums of model squared, and of model times observed light, for each pair and channel."""
     tone = np.concatenate([np.ones((1, 3)), _SIGNS[:, None] * absorbed])
     model = np.einsum("ac,ncab,bc->nc", tone, sums[..., :4, :4], tone)
     return model, np.einsum("ac,nca->nc", tone, sums[..., :4, 4])

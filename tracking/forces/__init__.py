@@ -1,7 +1,7 @@
 """Forces and friction from tracks: f = argmin |y − J·K⁻¹·f|² + prior(f); slipping, µ = |Ff|/Fn.
 
-Here is what every body shares: calibration, shifts of the markers, friction, reconstructors by
-name. `chain` and `dome` hold the reconstructors of each body.
+This package holds what all bodies share: calibration, marker shifts, friction, and reconstructors
+by name. `chain` and `dome` hold the reconstructors of each body.
 """
 
 from .calibration import (

@@ -1,4 +1,4 @@
-"""Calibration of a sensor, all that an estimator may know of it beside its rest frame; its file."""
+"""Calibration of a sensor, all that an estimator may know besides the rest frame, and its file."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,7 +18,7 @@ from .silicone_values import SiliconeValues, silicone_names, yellow_moves
 
 FORMAT: Literal["chromagrip calibration 1"] = "chromagrip calibration 1"
 
-#: Folder of the shipped read-outs.
+#: Folder of the shipped read-outs (trained networks that estimate forces).
 SHIPPED = Path(__file__).parents[1] / "readouts"
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
@@ -26,7 +26,7 @@ NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 
 
 class Values(Table, frozen=True, kw_only=True):
-    """Values of a sensor that presses can determine; per-node stiffnesses at 251 nodes."""
+    """Parameters of a sensor that can be fitted to presses; per-node stiffnesses at 251 nodes."""
 
     tissue_stiffness_n_per_m: Positive
     membrane_stiffness_n_per_m: Positive
@@ -37,12 +37,12 @@ class Values(Table, frozen=True, kw_only=True):
 
 
 class FitReport(Table, frozen=True, kw_only=True):
-    """The presses that the values were fitted to, and the errors that the fit leaves.
+    """Presses to which the parameters were fitted, and the remaining errors.
 
-    `normal_error_share` and `friction_error_n` are RMS errors of the presses' own forces as the
-    estimator reads them, on a dome of silicone as the fit leaves them; `error_px` is that of the
-    markers' places. `covariance` is that of the values in `deviations`, in their order, and
-    `undetermined` names those of them that stay as designed, with the deviation of the prior.
+    `normal_error_share` and `friction_error_n` are RMS errors of the presses' forces, as the
+    estimator reads them, or on a silicone dome as fitted; `error_px` is that of marker positions.
+    `covariance` belongs to the parameters in `deviations`, in their order. `undetermined` names
+    those that stay as designed, with the standard deviation of the prior.
     """
 
     presses: tuple[str, ...]
@@ -57,22 +57,21 @@ class FitReport(Table, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, kw_only=True)
 class SensorCalibration:
-    """Calibration of one sensor: its image, its mechanics, and the errors of either.
+    """Calibration of one sensor: its image, its mechanics, and the errors of both.
 
     Attributes
     ----------
-    sensor: calibration of the image
-    fingertip: calibration of the mechanics; without meaning for a flat pad, which has no force
-        model
+    sensor: calibrated design, for the image
+    fingertip: calibrated chain, for the mechanics; unused for a flat pad, which has no force model
     position_floor: model error of a marker's motion, added to its noise [px]
     size_floor: model error of a marker's logarithmic size
-    stiffness_deviation: standard deviation of a common error of all stiffnesses, as a share; ΣFn
-        and ΣFf have the same one
-    readout: trained read-out of this kind of sensor; None if it has none
-    name: of the sensor or of the calibration's file, for messages
-    displacement: gains from image to displacement; None where they were not calibrated
-    silicone_covariance: of the values in `silicone_names`, (V, V); empty where it is not known
-    design: that the values of `sensor` were calibrated from; None where it is as designed
+    stiffness_deviation: relative standard deviation of a common error of all stiffnesses, which is
+        also that of ΣFn and ΣFf
+    readout: file of the trained read-out for this kind of sensor; None without one
+    name: name of the sensor or of the calibration's file, for messages
+    displacement: gains from image to displacement; None if not calibrated
+    silicone_covariance: covariance of the V parameters of `silicone_names`, (V, V), or empty
+    design: design before the calibration; None if `sensor` is as designed
     """
 
     sensor: SensorDesign
@@ -93,6 +92,8 @@ class SensorCalibration:
 
 
 class _File(Table, frozen=True, kw_only=True):
+    """Contents of a calibration file."""
+
     format: Literal["chromagrip calibration 1"]
     sensor: str
     readout: str = ""
@@ -106,9 +107,9 @@ class _File(Table, frozen=True, kw_only=True):
 
 
 def nominal_calibration(sensor: SensorDesign, law: SpringLaw = "split") -> SensorCalibration:
-    """Calibration of a sensor that is as designed, of the thesis's materials.
+    """Calibration of a sensor as designed, with the thesis's materials.
 
-    Its stiffness is as uncertain as the design says that specimens differ.
+    The uncertainty of its stiffness is the spread of specimens that the design states.
     """
     tip = Fingertip.of_radius(sensor.shape.radius, nodes=REFERENCE_NODES, law=law)
     deviation = sensor.stiffness_deviation
@@ -116,12 +117,12 @@ def nominal_calibration(sensor: SensorDesign, law: SpringLaw = "split") -> Senso
 
 
 def sensor_as_designed(name: str, law: SpringLaw = "split") -> SensorCalibration:
-    """Nominal calibration of a shipped design or of one's own, with its read-out if it has one.
+    """Nominal calibration of a shipped design or of a design file, with its read-out if any.
 
     Parameters
     ----------
-    name: of the design, or its file
-    law: spring law of the fingertip; read-outs are of the split one
+    name: name of the design, or its file
+    law: spring law of the fingertip; read-outs need `split`
 
     Raises
     ------
@@ -134,7 +135,7 @@ def sensor_as_designed(name: str, law: SpringLaw = "split") -> SensorCalibration
 
 
 def values_of(calibration: SensorCalibration) -> Values:
-    """Values of a calibration that presses can determine."""
+    """Parameters of a calibration that can be fitted to presses."""
     sensor, tip = calibration.sensor, calibration.fingertip
     return Values(
         tissue_stiffness_n_per_m=tip.tissue_stiffness,
@@ -147,7 +148,7 @@ def values_of(calibration: SensorCalibration) -> Values:
 
 
 def with_values(calibration: SensorCalibration, values: Values) -> SensorCalibration:
-    """The calibration with other values.
+    """Copy a calibration with other parameters.
 
     Raises
     ------
@@ -175,7 +176,7 @@ def with_values(calibration: SensorCalibration, values: Values) -> SensorCalibra
 
 
 def silicone_of(calibration: SensorCalibration) -> SiliconeValues | None:
-    """Values of a dome's silicone that presses can determine; None of a design without it."""
+    """Parameters of a dome's silicone that can be fitted to presses; None without silicone."""
     sensor = calibration.sensor
     if sensor.silicone is None or sensor.shape.flat:
         return None
@@ -189,7 +190,7 @@ def silicone_of(calibration: SensorCalibration) -> SiliconeValues | None:
 
 
 def with_silicone(calibration: SensorCalibration, values: SiliconeValues) -> SensorCalibration:
-    """The calibration with other silicone, see `SiliconeValues`.
+    """Copy a calibration with other silicone, see `SiliconeValues`.
 
     Raises
     ------
@@ -225,7 +226,7 @@ def with_silicone(calibration: SensorCalibration, values: SiliconeValues) -> Sen
 
 
 def check_stiff(sensor: SensorDesign) -> None:
-    """Refuse markers of which no formula tells how they change with a force.
+    """Refuse markers whose deformation under a force has no formula.
 
     Raises
     ------
@@ -241,15 +242,15 @@ def check_stiff(sensor: SensorDesign) -> None:
 
 
 def load_calibration(name: str) -> SensorCalibration:
-    """Calibration from its file, or the nominal one of a shipped sensor or of a design's file.
+    """Load a calibration file, or the nominal calibration of a shipped sensor or a design file.
 
-    A sensor design that a file names is looked for beside it. Its read-out is the one that the file
-    names, else the shipped one of the design, else the one that is kept for it.
+    A path of a design in the file is relative to the file. The read-out is the one that the file
+    names, else the shipped one of the design, else the one in the user's cache.
 
     Raises
     ------
     UserError
-        When there is no such calibration, or with the key, the value and what is allowed.
+        When there is no such calibration, or it has a key or value that is not allowed.
     """
     if name in sensor_names():
         return sensor_as_designed(name)
@@ -289,12 +290,12 @@ def load_calibration(name: str) -> SensorCalibration:
 
 
 def _covariance(calibration: SensorCalibration, file: _File) -> tuple[tuple[float, ...], ...]:
-    """Covariance of the silicone's values in a file; empty where it has none.
+    """Covariance of the silicone's parameters in a file; empty without one.
 
     Raises
     ------
     UserError
-        When it is not that of the silicone's values.
+        When it does not belong to the silicone's parameters.
     """
     if file.fit is None or not file.fit.covariance:
         return ()
@@ -309,7 +310,7 @@ def _covariance(calibration: SensorCalibration, file: _File) -> tuple[tuple[floa
 
 
 def check_trainable(calibration: SensorCalibration) -> None:
-    """Refuse a sensor that no read-out can be trained for.
+    """Refuse a sensor for which no read-out can be trained.
 
     Raises
     ------
@@ -339,7 +340,7 @@ def required_readout(calibration: SensorCalibration) -> Path:
     Raises
     ------
     UserError
-        When it has none, or can have none.
+        When it has none, or none can be trained.
     """
     if calibration.readout is not None:
         return calibration.readout
@@ -362,13 +363,13 @@ def shipped_readout(sensor: str) -> Path | None:
 def calibration_table(
     calibration: SensorCalibration, sensor: str, report: FitReport
 ) -> dict[str, object]:
-    """Values of a calibration file.
+    """Make the contents of a calibration file.
 
     Parameters
     ----------
-    calibration: to write
-    sensor: name or file of the design that it starts from
-    report: of the fit
+    calibration: calibration to write
+    sensor: name or file of the design before the calibration
+    report: report of the fit
     """
     flat = calibration.sensor.shape.flat
     pressed = calibration.sensor.silicone != calibration.nominal.silicone
@@ -387,7 +388,7 @@ def calibration_table(
 
 
 def _without_none(table: dict[str, object]) -> dict[str, object]:
-    """Table without the keys that have no value, as TOML has no null."""
+    """Remove keys whose value is None, as TOML has no null."""
     return {
         key: _without_none(value) if isinstance(value, dict) else value
         for key, value in table.items()

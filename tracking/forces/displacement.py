@@ -1,7 +1,7 @@
-"""Displacement of the skin at each marker of a flat sensor: the published inverse, calibrated.
+"""Displacement of the skin at each marker of a flat sensor, by calibrated gains.
 
 Lin 2019 Eq. 3: δz = (h − h0)/Gz from the hue, δxy = c_xy/(a·δz + b) from the centroid, whose gain
-depends on the depth. The marker's size measures δz too; both count by their inverse variance.
+depends on the depth. The marker's size also measures δz; both are weighted by inverse variance.
 """
 
 from typing import Annotated
@@ -19,10 +19,10 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 
 
 class DisplacementGains(Table, frozen=True, kw_only=True):
-    """Gains from changes of a marker's image to the displacement of the skin at it.
+    """Gains between the displacement of the skin and the changes of a marker's image.
 
-    `…_deviation` is the standard deviation of a single marker, noise included. Hue or size may be
-    missing, where the tracker does not measure it.
+    `…_deviation` is the standard deviation for a single marker, including noise. Hue or size is
+    missing if the tracker does not measure it.
     """
 
     hue_deg_per_mm: float | None = None
@@ -35,7 +35,7 @@ class DisplacementGains(Table, frozen=True, kw_only=True):
 
 
 def fit_gains(rest: Tracks, presses: list[Tracks], depth: Array, shear: Array) -> DisplacementGains:
-    """Gains from presses of a plate that displaces the skin at most markers by the same amount.
+    """Fit gains to presses of a plate that displaces the skin at most markers by the same amount.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def skin_displacement(
 ) -> tuple[Array, Array]:
     """Displacement (x, y, depth) at each outer marker [m], (M, 3), and covariance, (M, 3, 3).
 
-    NaN where a marker is not visible, or its hue and size are not measured.
+    Both are NaN where a marker is not visible, or neither hue nor size is measured.
     """
     hue, size, shift = _moved(rest, tracks)
     measured = [
@@ -98,7 +98,7 @@ def skin_displacement(
     depth = moment / information
     lateral = gains.shift_px_per_mm2 * depth + gains.shift_px_per_mm
     moved = np.column_stack([shift / lateral[:, None], depth])
-    # By (x, y) in the image and by the depth, which are independent.
+    # Derivatives by (x, y) in the image and by the depth, which are independent.
     slope = np.zeros((len(hue), 3, 3))
     slope[:, 0, 0] = slope[:, 1, 1] = 1.0 / lateral
     slope[:, :2, 2] = -moved[:, :2] * gains.shift_px_per_mm2 / lateral[:, None]
@@ -110,7 +110,7 @@ def skin_displacement(
 
 
 def _moved(rest: Tracks, tracks: Tracks) -> tuple[Array, Array, Array]:
-    """Change of hue [°], of log size and of place [px] of the outer markers: (M,), (M,), (M, 2)."""
+    """Changes of hue [°], log size and position [px] of the outer markers: (M,), (M,), (M, 2)."""
     visible = tracks.visible[0] & rest.visible[0]
     hue = np.where(visible, (tracks.hue - rest.hue + 180.0) % 360.0 - 180.0, np.nan)
     size = np.where(visible, tracks.log_size[0] - rest.log_size[0], np.nan)
@@ -118,10 +118,9 @@ def _moved(rest: Tracks, tracks: Tracks) -> tuple[Array, Array, Array]:
 
 
 def _gain(values: Array, inputs: Array) -> tuple[list[float], float] | None:
-    """Factors of the inputs (K, I) in the presses' values (K, M), and the deviation of markers.
+    """Fit factors of the inputs (K, I) to values (K, M) of K presses; also the scatter of markers.
 
-    Markers at the edge, which do not move with the plate, do not count. None where fewer presses
-    have values than factors need.
+    Markers at the edge, which do not move with the plate, are excluded. None with too few presses.
     """
     known = np.isfinite(values).any(axis=1)
     if known.sum() < inputs.shape[1] + 1:
@@ -130,8 +129,8 @@ def _gain(values: Array, inputs: Array) -> tuple[list[float], float] | None:
     factors = np.linalg.lstsq(inputs, np.nanmedian(values, axis=1), rcond=None)[0]
     for _ in range(3):
         error = values - (inputs @ factors)[:, None]
-        # Markers further off than three standard deviations are at an edge of the plate; 0.6745 of
-        # one is the quartile of a normal distribution.
+        # Markers off by more than three standard deviations are at an edge of the plate. 0.6745
+        # standard deviations are the median of |error|.
         near = abs(error) <= 3.0 * np.nanmedian(abs(error)) / 0.6745
         factors = np.linalg.lstsq(inputs[np.nonzero(near)[0]], values[near], rcond=None)[0]
     return factors.tolist(), float(error[near].std())

@@ -1,7 +1,8 @@
-"""Friction coefficient from a force field, as known at one instant and over time.
+"""Friction coefficient from a force field, at one instant and averaged over time.
 
-The ratio |Ff,i|/Fn,i is µ where the skin slips and anything below where it sticks. Noise draws the
-largest ratio up, towards unsafe; a pure press shows ratios up to the tissue's Poisson factor (E7).
+The ratio |Ff,i|/Fn,i is µ where the skin slips, and smaller where it sticks. Noise biases the
+largest ratio upwards, which is unsafe. A pure press has ratios up to the tissue's Poisson factor
+(E7).
 """
 
 import math
@@ -16,15 +17,14 @@ from ...model import ForceField, FrictionReading
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionSettings:
-    """Tuned numbers of the estimate of µ.
+    """Tuned parameters of the estimate of µ.
 
     Attributes
     ----------
     core_share: share of the largest normal force above which a node belongs to the core
-    core_quantile: quantile of the core's ratios that is µ; noise biases the largest one upwards,
-        which is unsafe
-    slipping_spread: lower quartile of the core's ratios over the upper one, above which most of it
-        slips
+    core_quantile: quantile of the core's ratios that is taken as µ; noise biases the largest one
+        upwards, which is unsafe
+    slipping_spread: lower over upper quartile of the core's ratios, above which most of it slips
     ratio_error: error of a ratio in addition to that of the field's covariance
     majority: share of the averaged fields that must allow µ to fall
     """
@@ -36,11 +36,11 @@ class FrictionSettings:
     majority: float = 0.5
 
 
-#: Above this margin too little of the contact slips for its ratios to show µ.
+#: Margin Γ above which too little of the contact slips for its ratios to show µ.
 OBSERVABLE_MARGIN = 0.85
-#: Two-sided 90 % of a normal distribution.
+#: Half width of the 90 % interval of a normal distribution, in standard deviations.
 Z90 = 1.645
-#: Upper end of the interval of µ where only a lower bound is known.
+#: Upper end of the interval of µ if only a lower bound is known.
 LARGEST_FRICTION = 2.0
 
 
@@ -52,13 +52,13 @@ def max_ratio(field: ForceField) -> float:
 
 
 def core_quantile(field: ForceField, settings: FrictionSettings = FrictionSettings()) -> float:
-    """Upper quartile of the core's ratios; NaN without contact."""
+    """Upper quartile of the ratios |Ff,i|/Fn,i in the well-loaded core; NaN without contact."""
     ratios = _ratios(field, _core(field, settings))
     return float(np.quantile(ratios, settings.core_quantile)) if len(ratios) else math.nan
 
 
 def mostly_slipping(field: ForceField, settings: FrictionSettings = FrictionSettings()) -> bool:
-    """Whether the core's ratios are nearly all alike, as they are where most of it slips."""
+    """Whether the core's ratios are nearly equal, as when most of it slips."""
     ratios = _ratios(field, _core(field, settings))
     if not len(ratios):
         return False
@@ -67,14 +67,14 @@ def mostly_slipping(field: ForceField, settings: FrictionSettings = FrictionSett
 
 
 def _read_out(field: ForceField) -> FrictionReading:
-    """µ as the reconstructor itself read it; NaN of one that does not."""
+    """Return the reconstructor's own estimate of µ; NaN if it gives none."""
     return field.friction_reading or FrictionReading(
         value=math.nan, deviation=math.nan, observable=False
     )
 
 
 def _read_largest(field: ForceField) -> FrictionReading:
-    """Largest ratio, of unknown error; NaN where no node has friction."""
+    """Estimate µ by the largest ratio, of unknown error; NaN if no node has friction."""
     value = max_ratio(field) or math.nan
     observable = field.safety_margin(value) < OBSERVABLE_MARGIN
     return FrictionReading(value=value, deviation=math.nan, observable=observable)
@@ -83,7 +83,7 @@ def _read_largest(field: ForceField) -> FrictionReading:
 def _read_core(
     field: ForceField, settings: FrictionSettings = FrictionSettings()
 ) -> FrictionReading:
-    """Upper quartile of the core's ratios, its error that of the upper half's mean."""
+    """Estimate µ by the upper quartile of the core's ratios; error of the upper half's mean."""
     value, core, deviation = core_quantile(field, settings), _core(field, settings), math.nan
     if field.spread is not None and len(core):
         ratio = field.friction[core] / field.normal[core]
@@ -98,7 +98,7 @@ def _read_core(
     return FrictionReading(value=value, deviation=deviation, observable=observable)
 
 
-#: How µ is read off one field, by name.
+#: Functions that estimate µ from one field, by name.
 FRICTION: dict[str, Callable[[ForceField], FrictionReading]] = {
     "max-ratio": _read_largest,
     "core-quantile": _read_core,
@@ -107,26 +107,26 @@ FRICTION: dict[str, Callable[[ForceField], FrictionReading]] = {
 
 
 def _core(field: ForceField, settings: FrictionSettings = FrictionSettings()) -> NDArray[np.intp]:
-    """Numbers of the well-loaded nodes of the contact; none without contact."""
+    """Indices of the well-loaded nodes of the contact; empty without contact."""
     largest = field.normal[field.contact].max(initial=0.0)
     return np.flatnonzero(field.contact & (field.normal > settings.core_share * largest))
 
 
 def _ratios(field: ForceField, nodes: NDArray[np.intp]) -> NDArray[np.float64]:
-    """|Ff,i|/Fn,i of some nodes."""
+    """Ratios |Ff,i|/Fn,i of some nodes."""
     return field.friction_sizes[nodes] / field.normal[nodes]
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionRule:
-    """Rule for µ: its estimate from one field, and the readings that count.
+    """Rule for µ: its estimate from one field, and which estimates are averaged.
 
     Attributes
     ----------
-    read: estimate of one field, see FRICTION
-    may_fall: fields that may lower µ. A grip raised under a standing load lets the skin stick
-        again, and the ratios sink below µ without µ having changed.
-    every: every field counts, not only those that show µ
+    read: function that estimates µ from one field, see FRICTION
+    may_fall: function that decides whether a field may lower µ. A grip that is raised under a
+        constant load lets the skin stick again: ratios fall below µ although µ has not changed
+    every: whether every field counts, not only those in which µ is observable
     """
 
     read: Callable[[ForceField], FrictionReading]
@@ -134,7 +134,7 @@ class FrictionRule:
     every: bool = False
 
 
-# Functions with names, so that a saved grasp can be sent to another process.
+# Named functions, as lambdas cannot be pickled with a saved grasp.
 
 
 def _always(field: ForceField) -> bool:
@@ -149,16 +149,16 @@ def _may_fall(field: ForceField, settings: FrictionSettings = FrictionSettings()
     return field.friction_reading is not None or mostly_slipping(field, settings)
 
 
-#: As the thesis does it: maximum ratio, every frame counts (Eq. 8).
+#: The thesis's rule: maximum ratio, every frame counts (Eq. 8).
 THESIS_RULE = FrictionRule(read=FRICTION["max-ratio"], may_fall=_always, every=True)
-#: For forces with noise: the reconstructor's own reading, or else the ratios' upper quartile; kept
-#: while µ cannot be seen.
+#: Rule for noisy forces: the reconstructor's own estimate, else the upper quartile of the ratios;
+#: held while µ is not observable.
 CAMERA_RULE = FrictionRule(read=_read, may_fall=_may_fall)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Reading:
-    """One frame's reading: time [s], µ, its standard deviation, and whether µ may fall to it."""
+    """Estimate from one frame: time [s], µ, its standard deviation, whether µ may fall to it."""
 
     time: float
     value: float
@@ -168,9 +168,9 @@ class _Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class _Memory:
-    """Readings that are averaged, µ that is kept, and whether µ was observable since the reset.
+    """Averaged readings, the held µ, and whether µ was observable since the reset.
 
-    `logarithmic`: whether the last reading is one of ln µ.
+    `logarithmic`: whether the last reading is an estimate of ln µ.
     """
 
     readings: tuple[_Reading, ...] = ()
@@ -181,7 +181,7 @@ class _Memory:
 
 @dataclass(frozen=True, kw_only=True)
 class _Average:
-    """Weighted mean of readings, their scatter, and the deviation that they state; NaN if none."""
+    """Weighted mean of readings, its error by their scatter, and by their own deviations or NaN."""
 
     mean: float
     scatter: float
@@ -189,13 +189,13 @@ class _Average:
 
 
 class FrictionEstimate:
-    """Moving average of a per-frame friction estimate, held while µ cannot be seen.
+    """Moving average of a per-frame friction estimate, held while µ is not observable.
 
     Parameters
     ----------
-    rule: how one field is read
+    rule: rule for µ
     window: length of the average [s]
-    settings: tuned numbers
+    settings: tuned parameters
     """
 
     def __init__(
@@ -215,18 +215,18 @@ class FrictionEstimate:
         return self._memory.observable
 
     def update(self, time: float, field: ForceField) -> tuple[float, tuple[float, float]]:
-        """µ and its 90 % interval at `time` [s]; NaN before the first contact.
+        """Estimate µ and its 90 % interval at `time` [s]; NaN before the first contact.
 
-        Until µ has been observable once, the average of the ratios stands in: it saturates near the
-        tissue's Poisson factor (E7) and is low rather than high. Any µ above it explains the frames
-        as well, and the interval says so. A reading of ln µ knows its error without that.
+        Until µ has been observable once, the average of the ratios is reported: it saturates near
+        the tissue's Poisson factor (E7) and is rather too low. As any larger µ explains the frames
+        equally well, the interval extends to LARGEST_FRICTION. A reading of ln µ has its own error.
         """
         memory = self._with_reading(time, field)
         # Frame times are products of a period: allow for their rounding.
         start = time - self._window + 1e-9
         readings = memory.readings
         full = bool(readings) and readings[0].time <= start
-        # One reading stays, however old it is.
+        # Keep at least one reading, however old it is.
         first = next((k for k, r in enumerate(readings) if r.time > start), len(readings) - 1)
         readings = readings[max(first, 0) :]
         if not readings:
@@ -245,7 +245,7 @@ class FrictionEstimate:
                 kept = max(kept, mean - stated)
             mean = max(kept, mean)
         self._memory = replace(memory, readings=readings, kept=kept)
-        # The error of a reading stays the same from frame to frame: it does not average out.
+        # The stated error of readings is common to all frames and does not average out.
         known = [x for x in (average.scatter, average.stated) if not math.isnan(x)]
         spread = Z90 * max(known, default=math.nan)
         if memory.logarithmic:
@@ -255,12 +255,12 @@ class FrictionEstimate:
         return mean, (mean - spread, mean + spread if bounded else LARGEST_FRICTION)
 
     def _with_reading(self, time: float, field: ForceField) -> _Memory:
-        """Memory with this frame's reading, if it counts."""
+        """Add this frame's reading to the memory, if it counts."""
         reading, memory, every = self._rule.read(field), self._memory, self._rule.every
         if not math.isfinite(reading.value):
             return memory
         if reading.observable and not memory.observable:
-            # Readings from before µ was observable stood in for it.
+            # Discard readings from before µ was observable.
             memory = replace(memory, observable=True, readings=memory.readings if every else ())
         memory = replace(memory, logarithmic=reading.logarithmic)
         if not (reading.observable or every or not memory.observable):
@@ -275,9 +275,9 @@ class FrictionEstimate:
 
 
 def _average(readings: Sequence[_Reading], weighted: bool) -> _Average:
-    """Average of at least one reading, weighted by inverse variance or plain.
+    """Average readings, weighted by inverse variance or equally.
 
-    In plain floats, which are several times faster than arrays of so few numbers.
+    It uses Python floats, which are several times faster than short arrays.
     """
     count = len(readings)
     values = [reading.value for reading in readings]

@@ -1,4 +1,4 @@
-"""Read-outs that were trained at their first use, kept in the user's cache folder by design.
+"""Read-outs that are trained at first use and then stored in the user's cache folder.
 
 <cache>/chromagrip/readouts/<digest>.npz        <cache>: XDG_CACHE_HOME, LOCALAPPDATA or ~/.cache
 """
@@ -15,20 +15,20 @@ from ...model import REFERENCE_NODES, Fingertip
 from ...render import SensorDesign
 from ...user_cache import user_cache
 
-#: Version of the training: raise it with its ranges, its method and the content of a read-out's
-#: file, so that no read-out of an earlier training is found.
+#: Version of the training: raise it when its ranges, its method or the content of a read-out's file
+#: change, so that read-outs of an earlier training are not used.
 TRAINING = 3
-#: Folder of the kept read-outs in that of our caches.
+#: Folder of the stored read-outs in the cache folder of chromagrip.
 _FOLDER = "readouts"
-#: Digits to which markers of a file are told apart, in their unit on the skin.
+#: Decimal digits of marker positions that count, in their unit on the skin.
 _DIGITS = 9
 
 
 def training_key(sensor: SensorDesign, fingertip: Fingertip) -> bytes:
-    """All that a read-out depends on beside the noise of the camera, as JSON.
+    """Everything that a read-out depends on except the noise of the camera, as JSON.
 
-    Files that the design names count by their content. Neither the description nor the spread of
-    the stiffness changes what is learned, and a read-out is trained on the chain, not on silicone.
+    Files that the design names count by their content. Description, spread of the stiffness and
+    silicone are left out: a read-out is trained on the chain and does not depend on them.
     """
     design: dict[str, Any] = msgspec.to_builtins(sensor)
     del design["description"], design["silicone"]
@@ -43,12 +43,12 @@ def training_key(sensor: SensorDesign, fingertip: Fingertip) -> bytes:
 
 
 def kept_path(design: SensorDesign) -> Path:
-    """Where the read-out of a design is kept, once it is trained.
+    """Path of the cached read-out of a design, whether it exists or not.
 
     Raises
     ------
     UserError
-        Where there is no cache folder.
+        When there is no cache folder.
     """
     folder = user_cache()
     if not folder.is_absolute():
@@ -62,7 +62,7 @@ def kept_path(design: SensorDesign) -> Path:
 
 
 def kept_readout(design: SensorDesign) -> Path | None:
-    """Read-out that is kept for a design; None if there is none."""
+    """Path of the cached read-out of a design; None if it does not exist."""
     try:
         path = kept_path(design)
         return path if path.is_file() else None

@@ -1,4 +1,4 @@
-"""Place of the design's image in a picture that was scaled, cropped or padded."""
+"""Location of the design's image in a picture that was scaled, cropped or padded."""
 
 from dataclasses import dataclass
 
@@ -18,16 +18,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """The design's image in a picture, whose pixels' centres have whole coordinates.
+    """Location of the design's image in a picture; pixel centres have integer coordinates.
 
-    A roll is left to the pose of the camera. It turns the design about its optical axis, whose
-    pixel follows from this.
+    A roll about the optical axis is no part of it, but of the camera's pose.
 
     Attributes
     ----------
-    scale: pixels of the picture over those of the design's image
-    corner: of the design's image, the centre of its upper left pixel [px of the picture]
-    share: of the markers in the picture that lie at places of the design
+    scale: pixels of the picture per pixel of the design's image
+    corner: centre of the upper left pixel of the design's image [px of the picture]
+    share: share of the markers in the picture that lie at marker positions of the design
     """
 
     scale: float
@@ -45,14 +44,14 @@ def placement(
 
     Parameters
     ----------
-    sensor: whose markers they are
-    seen: their pixels in each layer, (n, 2)
+    sensor: design of the sensor
+    seen: pixels of the n markers in each layer, (n, 2)
     size: width and height of the picture [px]
 
     Raises
     ------
     UserError
-        When too few of the markers lie at places of the design, however it is placed.
+        When no location puts enough markers at marker positions of the design.
     """
     lens = sensor.view.camera.lens
     axis = np.array([lens.centre_x, lens.centre_y])
@@ -61,7 +60,7 @@ def placement(
     reach = float(np.median(np.linalg.norm(outer - there, axis=-1)))
     best = None
     for middle in settings.middles:
-        # The search knows small shifts and scales only, so that the picture is brought near first.
+        # The search covers only small shifts and scales: start from an approximate location.
         start = there + reach * np.array(middle)
         near = [start + (pixels - here) / scale for pixels in seen]
         markers = markers_beside(sensor, near, settings.match)
@@ -86,12 +85,12 @@ def placement(
 def _best(
     markers: RestMarkers, edges: Array, settings: PlacementSettings
 ) -> tuple[CameraPose, float] | None:
-    """The pose that explains the markers best, and the share of them that it explains.
+    """Find the pose that fits the markers best, and the share of them that it fits.
 
     Parameters
     ----------
-    markers: in the scale of the design
-    edges: of the picture, upper left and lower right, shape (2, 2) [px]
+    markers: markers in the scale of the design
+    edges: upper left and lower right corner of the picture [px], shape (2, 2)
     """
     scored = []
     for pose in likely_poses(markers, settings.search):
@@ -105,7 +104,7 @@ def _best(
 
 
 def _scores(markers: RestMarkers, pose: CameraPose, edges: Array) -> tuple[float, float, float]:
-    """Share of the markers at places, that with the places at markers, and the motion [px]."""
+    """Share of markers at design positions, overlap of both, and RMS motion from there [px]."""
     limit, edge = markers.same * markers.pitch * pose.scale, 0.5 * markers.pitch
     near = seen = met = expected = 0
     moved = 0.0

@@ -1,7 +1,7 @@
-"""Pose of a camera against the design, and what the design's own camera would have seen.
+"""Pose of a camera relative to the design, and conversion of its pixels to the design's camera.
 
-All rays go through the camera's centre, with or without refraction. A camera that is turned about
-it, or has another lens scale, therefore sees the same rays at other pixels.
+All rays pass the camera's centre, with or without refraction. So a camera that is rotated about its
+centre, or has another lens scale, sees the same rays at other pixels.
 """
 
 import math
@@ -17,11 +17,11 @@ from .pose_kernels import polynomials
 
 Array = NDArray[np.float64]
 
-#: Differences from the design that are worth a line: roll and tilt [°], shift [px], scale.
+#: Smallest differences from the design that are reported: roll and tilt [°], shift [px], scale.
 _NOTABLE = (0.3, 0.5, 3.0, 0.01)
-#: Degrees of the polynomial that are tried; the last one is taken in any case.
+#: Degrees of the polynomial to try; the last one is accepted in any case.
 _DEGREES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14)
-#: Golden-angle step of an even spiral over a disc [rad].
+#: Golden angle, the step of an even spiral of points over a disc [rad].
 _SPIRAL = math.pi * (3.0 - math.sqrt(5.0))
 
 
@@ -42,7 +42,7 @@ class PoseTable(TypedDict):
 
 
 def pose_words(pose: PoseTable) -> str:
-    """Words for a pose of a summary."""
+    """Describe a pose of a summary in words."""
     x, y = pose["shift_px"]
     words = (
         f"rolled by {pose['roll_deg']:.2f}°, shifted by ({x:.1f}, {y:.1f}) px, scaled by "
@@ -55,22 +55,22 @@ def pose_words(pose: PoseTable) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class CameraPose:
-    """A camera against the design's, as the rest frame tells it.
+    """Pose of a camera relative to the design's camera, as estimated from the rest frame.
 
-    The design's frame is that of the outer layer: where layers lie beside each other, the inner one
-    counts as misaligned.
+    The design's frame is that of the outer layer: if layers are misaligned, the inner one counts as
+    misplaced.
 
     Attributes
     ----------
-    roll: turn about the camera's axis, from x to y of the image: clockwise on a screen [rad]
-    tilt: turn about the image's x and y, before the roll, as a rotation vector [rad]; 0 on a flat
-        pad, where it looks like a shift
-    shift: of the pixel on the optical axis [px]
-    scale: of the focal lengths
-    error: RMS distance of the markers from the places that this pose gives them [px]
+    roll: rotation about the optical axis, from x to y of the image: clockwise on a screen [rad]
+    tilt: rotation about the image's x and y, before the roll, as a rotation vector [rad]; 0 on a
+        flat pad, where it looks like a shift
+    shift: shift of the pixel on the optical axis [px]
+    scale: factor on the focal lengths
+    error: RMS distance of the markers from the positions that this pose predicts [px]
     roll_deviation, tilt_deviation, shift_deviation, scale_deviation: standard deviations
-    ambiguous: whether a larger turn or shift explains the rest frame equally well, by a symmetry of
-        the layout
+    ambiguous: whether a larger rotation or shift explains the rest frame equally well, by a
+        symmetry of the layout
     """
 
     roll: float = 0.0
@@ -86,12 +86,12 @@ class CameraPose:
 
     @property
     def turn(self) -> Array:
-        """Directions of the design's camera in the axes of this one, shape (3, 3)."""
+        """Rotation matrix from the axes of the design's camera to those of this one, (3, 3)."""
         return turn_matrix(self.roll, self.tilt)
 
     @property
     def notable(self) -> bool:
-        """Whether it differs from the design by more than mounting and calibration leave."""
+        """Whether it differs from the design by more than mounting tolerances."""
         roll, tilt, shift, scale = _NOTABLE
         return (
             abs(self.roll) > math.radians(roll)
@@ -124,7 +124,7 @@ def turn_matrix(roll: float, tilt: tuple[float, float]) -> Array:
     """Rotation by a tilt, then by a roll, shape (3, 3)."""
     cos, sin = math.cos(roll), math.sin(roll)
     about_axis = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    # By Rodrigues; scipy's Rotation takes longer than all else that `seen_by` does.
+    # By Rodrigues' formula; scipy's Rotation takes longer than the rest of `seen_by`.
     x, y = tilt
     angle = math.hypot(x, y)
     lean = np.array([[0.0, 0.0, y], [0.0, 0.0, -x], [-y, x, 0.0]])
@@ -133,22 +133,22 @@ def turn_matrix(roll: float, tilt: tuple[float, float]) -> Array:
 
 
 def seen_by(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
-    """Pixels of a camera in that pose for pixels (…, 2) of the design's `camera`."""
+    """Convert pixels (…, 2) of the design's `camera` to pixels of a camera in a pose."""
     centre = np.array([camera.lens.centre_x, camera.lens.centre_y])
     turned = camera.project(camera.rays(pixels) @ pose.turn.T)
     return centre + np.asarray(pose.shift) + pose.scale * (turned - centre)
 
 
 def seen_by_design(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
-    """Pixels of the design's `camera` for pixels (…, 2) of one in that pose."""
+    """Convert pixels (…, 2) of a camera in a pose to pixels of the design's `camera`."""
     centre = np.array([camera.lens.centre_x, camera.lens.centre_y])
     rays = camera.rays(centre + (pixels - centre - np.asarray(pose.shift)) / pose.scale)
     return camera.project(rays @ pose.turn)
 
 
 def slope(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
-    """Derivative of `seen_by_design`, shape (…, 2, 2)."""
-    half = 1e-3  # of the distance over which the exact map is differentiated [px]
+    """Jacobian of `seen_by_design` with respect to the pixel, shape (…, 2, 2)."""
+    half = 1e-3  # step of the central differences [px]
     columns = [
         seen_by_design(pose, camera, pixels + h) - seen_by_design(pose, camera, pixels - h)
         for h in half * np.eye(2)
@@ -158,15 +158,15 @@ def slope(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Alignment:
-    """`seen_by_design` as polynomials of the pixel, for every frame.
+    """Fast `seen_by_design`, as polynomials of the pixel.
 
     Attributes
     ----------
-    pose: of the camera
-    camera: the design's
+    pose: pose of the camera
+    camera: camera of the design
     middle, radius: disc of pixels in which the polynomials hold [px]
-    coefficients: of `polynomials`: aligned x, y and the logarithm of sizes, shape (3, C)
-    degree: of the polynomials
+    coefficients: C coefficients of the converted x and y and the change of log size, shape (3, C)
+    degree: degree of the polynomials
     """
 
     pose: CameraPose
@@ -177,7 +177,7 @@ class Alignment:
     degree: int
 
     def __call__(self, pixels: Array) -> Array:
-        """Aligned pixels and change of the logarithm of sizes there, (…, 3), of pixels (…, 2)."""
+        """Converted x, y and change of log size, (…, 3), for pixels (…, 2)."""
         at = np.ascontiguousarray(pixels).reshape(-1, 2)
         values = np.empty((len(at), 3))
         polynomials(at, self.middle, self.radius, self.coefficients, self.degree, values)
@@ -185,13 +185,13 @@ class Alignment:
 
 
 def alignment(pose: CameraPose, camera: Camera, pixels: Array) -> Alignment:
-    """Alignment that is exact to 1e-4 px where markers are seen at rest, and some way around.
+    """Fit an alignment that is exact to 1e-4 px where markers are at rest, and around.
 
     Parameters
     ----------
-    pose: of the camera
-    camera: the design's
-    pixels: of the markers at rest, shape (…, 2); those that are NaN do not count
+    pose: pose of the camera
+    camera: camera of the design
+    pixels: pixels of the markers at rest, shape (…, 2); NaN is ignored
     """
     pixels = pixels[np.isfinite(pixels).all(axis=-1)]
     middle = 0.5 * (pixels.min(axis=0) + pixels.max(axis=0))
@@ -221,7 +221,7 @@ def alignment(pose: CameraPose, camera: Camera, pixels: Array) -> Alignment:
 
 
 def _basis(points: Array, degree: int) -> Array:
-    """Terms of `polynomials` at points (n, 2), shape (n, C)."""
+    """Terms of `polynomials` at n points (n, 2), shape (n, C)."""
     count = (degree + 1) * (degree + 2) // 2
     terms = np.empty((len(points), count))
     polynomials(np.ascontiguousarray(points), np.zeros(2), 1.0, np.eye(count), degree, terms)
@@ -229,7 +229,7 @@ def _basis(points: Array, degree: int) -> Array:
 
 
 def aligned(align: Alignment, tracks: Tracks) -> Tracks:
-    """Tracks as of the design's own camera: positions, sizes, covariances."""
+    """Convert the positions, sizes and covariances of tracks to the design's camera."""
     seen = align(tracks.position)
     covariance = carried(blocks(align, tracks.position), tracks.covariance)
     changed = {
@@ -242,14 +242,14 @@ def aligned(align: Alignment, tracks: Tracks) -> Tracks:
 
 
 def blocks(align: Alignment, position: Array) -> Array:
-    """Derivative of the aligned (x, y, log size) of all L layers, shape (M, 3L, 3L).
+    """Jacobian of the converted (x, y, log size) of all L layers, shape (M, 3L, 3L).
 
-    Sizes change little with the place, and that change is left out.
+    The small dependence of sizes on the position is neglected.
 
     Parameters
     ----------
     align: alignment
-    position: of the markers [px], shape (L, M, 2); NaN stands for the middle of the image
+    position: positions of the markers [px], shape (L, M, 2); NaN means the middle of the image
     """
     known = np.where(np.isfinite(position), position, align.middle)
     slopes = slope(align.pose, align.camera, known)
@@ -261,5 +261,5 @@ def blocks(align: Alignment, position: Array) -> Array:
 
 
 def carried(by: Array, covariance: Array) -> Array:
-    """Covariances (M, K, K) of values that are multiplied by matrices (M, K, K)."""
+    """Transform covariances (M, K, K) of K values by matrices (M, K, K)."""
     return np.asarray(by @ covariance @ np.swapaxes(by, 1, 2))

@@ -12,14 +12,14 @@ Array = NDArray[np.float64]
 def polynomials(
     pixels: Array, middle: Array, radius: float, coefficients: Array, degree: int, out: Array
 ) -> None:
-    """Polynomials of (pixel − middle)/radius.
+    """Evaluate R polynomials of (pixel − middle)/radius.
 
     Parameters
     ----------
-    pixels: shape (n, 2)
-    middle, radius: of the disc of pixels [px]
-    coefficients: of 1, x, y, x², xy, y², …, shape (R, C)
-    degree: of the polynomials
+    pixels: pixels, shape (n, 2)
+    middle, radius: centre and radius of the disc of pixels [px]
+    coefficients: coefficients of 1, x, y, x², xy, y², …, shape (R, C)
+    degree: degree of the polynomials
     out: result, shape (n, R)
     """
     terms = np.empty(coefficients.shape[1])
@@ -28,7 +28,7 @@ def polynomials(
         terms[0] = 1.0
         end = 1
         for power in range(1, degree + 1):
-            begin = end - power  # of the terms of the power before
+            begin = end - power  # first term of the previous power
             for j in range(power):
                 terms[end + j] = terms[begin + j] * x
             terms[end + power] = terms[end - 1] * y

@@ -1,4 +1,4 @@
-"""Reconstructors by name: from tracks to a force field with its covariance, one signature."""
+"""Reconstructors by name, which estimate a force field with its covariance from tracks."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, Protocol
@@ -15,18 +15,18 @@ class NoEstimateError(UserError):
 
 
 class Reconstructor(Protocol):
-    """Reads forces off the tracks of one specimen; made by `Class(calibration, rest)`.
+    """Estimates forces from the tracks of one specimen; constructed by `Class(calibration, rest)`.
 
-    A field whose µ was read together with the forces has a `friction_reading`; a field whose sums
-    are known has a `totals_covariance`.
+    A field has a `friction_reading` if µ was estimated together with the forces, and a
+    `totals_covariance` if its sums have known errors.
     """
 
     def reset(self) -> None:
-        """Forget the frames before: the next one is read as the first."""
+        """Forget previous frames: the next one counts as the first."""
         ...
 
     def update(self, tracks: Tracks) -> ForceField:
-        """Force field of the next frame.
+        """Estimate the force field of the next frame.
 
         Raises
         ------
@@ -61,15 +61,15 @@ METHODS = {
         "free tractions, on a dome of silicone with two soft layers",
     ),
 }
-#: Reads forces unless another is chosen.
+#: Name of the default reconstructor.
 DEFAULT_RECONSTRUCTOR = "auto"
-#: What pictures are of: the chain revolved, or a dome of silicone.
+#: Body that the pictures show: the revolved chain, or a silicone dome.
 Body = Literal["chain", "dome"]
-#: Method that `auto` stands for, by body.
+#: Method that `auto` selects, by body.
 AUTOMATIC: dict[Body, str] = {"chain": "sequential", "dome": "contact"}
-#: Methods of ours that read a dome of silicone; the others read a chain.
+#: Built-in methods for a silicone dome; the others are for a chain.
 DOME_METHODS = ("contact", "traction")
-#: Every name that can be chosen.
+#: All reconstructors by name, including `auto`.
 RECONSTRUCTORS = Registry(
     protocol=Reconstructor,
     package=__package__,
@@ -81,12 +81,12 @@ RECONSTRUCTORS = Registry(
         **METHODS,
     },
 )
-#: Names of those that need a trained read-out.
+#: Names of the reconstructors that need a trained read-out.
 _TRAINED = ("learned", "sequential")
 
 
 def automatic(calibration: SensorCalibration, rest: Tracks) -> Reconstructor:
-    """Reconstructor for a sensor whose user chose none.
+    """Make the reconstructor that `auto` selects for a sensor.
 
     Raises
     ------
@@ -99,10 +99,10 @@ def automatic(calibration: SensorCalibration, rest: Tracks) -> Reconstructor:
 
 
 def body_read(calibration: SensorCalibration) -> Body:
-    """Body that `auto` takes a sensor's pictures to be of.
+    """Body that `auto` assumes for a sensor.
 
-    Markers that stretch as the silicone does, or lie on its rigid core, are those of a dome that
-    can be built: it is read as one. The designs of the thesis are read by their trained read-out.
+    It is a dome if the markers stretch with the silicone or lie on its rigid core, as in a real
+    dome. The designs of the thesis count as chains and use their trained read-out.
     """
     sensor = calibration.nominal
     built = bool(sensor.markers.swell_mm) or not sensor.yellow.follow
@@ -113,17 +113,17 @@ def body_read(calibration: SensorCalibration) -> Body:
 def load_reconstructor(
     choice: Choice, arguments: Mapping[str, Any] | None = None
 ) -> Callable[[SensorCalibration, Tracks], Reconstructor]:
-    """Factory of reconstructors, called with a calibration and the tracks at rest.
+    """Load a factory of reconstructors, which takes a calibration and the tracks at rest.
 
     Parameters
     ----------
-    choice: name of ours or of an entry point, `module:Class`, or a class or other factory
+    choice: built-in name, name of an entry point, `module:Class`, or a class or other factory
     arguments: further arguments of the class, by name
 
     Raises
     ------
     UserError
-        When there is none of that name, or it cannot be imported.
+        When no reconstructor has that name, or it cannot be imported.
     """
     factory: Callable[[SensorCalibration, Tracks], Reconstructor]
     factory = RECONSTRUCTORS.load(choice, arguments)
@@ -131,24 +131,24 @@ def load_reconstructor(
 
 
 def name_used(choice: Choice, calibration: SensorCalibration) -> str:
-    """Name of a reconstructor; of the one that `auto` stands for."""
+    """Name of a reconstructor; for `auto`, of the one that it selects."""
     automatic = choice == DEFAULT_RECONSTRUCTOR
     return AUTOMATIC[body_read(calibration)] if automatic else name_of(choice)
 
 
 def needs_readout(choice: Choice, calibration: SensorCalibration) -> bool:
-    """Whether a reconstructor is one of ours that reads forces by a trained read-out."""
+    """Whether a reconstructor is a built-in one that needs a trained read-out."""
     return name_used(choice, calibration) in _TRAINED
 
 
 def check_reconstructor(choice: Choice, calibration: SensorCalibration) -> None:
-    """Refuse, before anything is computed, a reconstructor that cannot read this sensor.
+    """Refuse, before anything is computed, a reconstructor that does not suit this sensor.
 
     Raises
     ------
     UserError
-        When there is none of that name, it cannot be imported, it needs a trained read-out and the
-        sensor has none, or it reads a dome of silicone and the sensor is none.
+        When no reconstructor has that name, it cannot be imported, it needs a trained read-out and
+        the sensor has none, or it needs a silicone dome and the sensor is not one.
     """
     load_reconstructor(choice)
     if needs_readout(choice, calibration):

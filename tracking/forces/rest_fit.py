@@ -1,7 +1,10 @@
-"""The camera's pose, estimated from the places of the resting markers.
+"""Estimation of the camera's pose from the positions of the resting markers.
 
-A mount leaves a camera rolled, tilted and shifted, and layers are never quite aligned. Each moves
-the resting markers in its own pattern. If one were taken for another, forces would be wrong.
+A mounted camera is rolled, tilted and shifted, and layers are never quite aligned. Each error moves
+the resting markers in its own pattern. If one were confused with another, forces would be wrong.
+
+The unknowns x are the camera's roll, tilt (2), shift (2) and log scale, and three of the inner
+layer: its turn, or on a pad its shift (2) and turn.
 """
 
 import math
@@ -27,8 +30,8 @@ _Pairs = tuple[NDArray[np.intp], Array]
 _Missed = Callable[[Array], Array]
 
 
-#: Places in x of what may be as designed, and χ² above which it is not: exceeded in 1 % of cases
-#: by one and by two unknowns.
+#: Slices of x of quantities that may be as designed, and χ² above which they are not (1 % level for
+#: one and for two unknowns).
 _GROUPS = {
     "roll": (slice(0, 1), 6.6),
     "tilt": (slice(1, 3), 9.2),
@@ -40,19 +43,19 @@ _GROUPS = {
 def rest_pose(
     sensor: SensorDesign, rest: Tracks, settings: PoseSettings = PoseSettings()
 ) -> CameraPose:
-    """Pose of the camera that saw the resting markers.
+    """Estimate the pose of the camera from the resting markers.
 
-    The last one is kept: several readers ask for that of the same tracks.
+    The last result is cached, as several reconstructors need it for the same tracks.
 
     Parameters
     ----------
-    sensor: calibration of the image, whose layout the specimen was made to
+    sensor: calibrated design, with the layout of the markers
     rest: tracks of the unloaded sensor
 
     Raises
     ------
     UserError
-        When no pose explains the markers, or two do, or the pose is beyond what can be told.
+        When no pose explains the markers, or two do, or the pose is out of range.
     """
     for of_sensor, of_rest, by, pose in _last:
         if of_rest is rest and of_sensor == sensor and by == settings:
@@ -74,7 +77,7 @@ def _estimated(sensor: SensorDesign, rest: Tracks, settings: PoseSettings) -> Ca
     if not _sure(markers, fits[0].match, settings):
         for start in likely_poses(markers, settings.search):
             fits.append(_fitted(markers, start, settings.from_search, settings))
-            # With crooked markers several poses are likely, and the best may come later.
+            # With imprecise markers several poses are likely, and the best may come later.
             if not markers.lattice and perfect and _sure(markers, fits[-1].match, settings):
                 break
     found = max(fits, key=lambda one: one.match.overlap)
@@ -103,10 +106,10 @@ class _Fit:
 
     Attributes
     ----------
-    pose: of the camera
-    shift: of the inner layer
-    match: how well they explain the rest frame
-    numbers, covariance: x, and its covariance
+    pose: pose of the camera
+    shift: misalignment of the inner layer
+    match: agreement with the rest frame
+    numbers, covariance: unknowns x, and their covariance
     """
 
     pose: CameraPose
@@ -118,15 +121,15 @@ class _Fit:
 
 def _sure(markers: RestMarkers, match: Agreement, settings: PoseSettings) -> bool:
     """Whether no other pose can be better."""
-    # Markers that are missing may hide the shift of a lattice, but no other pose.
+    # Missing markers can only hide the shift of a lattice.
     share = match.overlap if markers.lattice else match.share
     return share >= max(1.0 - settings.sure / math.sqrt(len(markers.sensor.places)), settings.share)
 
 
 def _told(markers: RestMarkers, fit: _Fit, settings: PoseSettings) -> _Fit:
-    """The fit without what markers that scatter leave of a camera as designed.
+    """Set roll, tilt, shift or scale to the design if they do not differ from it significantly.
 
-    A tenth of a degree or of a pixel that is not there would move the contact.
+    An error of a tenth of a degree or pixel due to scattered markers would move the contact.
     """
     as_designed: tuple[str, ...] = ()
     deviations: dict[str, Any] = {}
@@ -152,9 +155,9 @@ def _fitted(
     settings: PoseSettings,
     as_designed: tuple[str, ...] = (),
 ) -> _Fit:
-    """Pose and misalignment that fit best from a start, each marker at the nearest place.
+    """Fit pose and misalignment from a start, with each marker at the nearest design position.
 
-    Some groups of unknowns are kept as designed; on a pad the tilt, as it looks like a shift.
+    The groups in `as_designed` are not fitted, nor the tilt on a pad, where it looks like a shift.
     """
     flat = markers.sensor.shape.flat
     unit = _units(settings, flat)
@@ -202,10 +205,7 @@ def _fitted(
 
 
 def _units(settings: PoseSettings, flat: bool) -> Array:
-    """Prior deviations of x: roll (without a prior), tilt, shift, log scale, and the inner layer's.
-
-    The last three are its turn, or on a pad its shift and turn.
-    """
+    """Prior standard deviations of x, shape (9,); the value for roll is only a scale."""
     tilt, shift, turn, along = settings.tilt, settings.shift, settings.turn, settings.along
     inner = (along, along, turn) if flat else (turn, turn, turn)
     return np.array([1.0, tilt, tilt, shift, shift, settings.log_scale, *inner])
@@ -214,14 +214,14 @@ def _units(settings: PoseSettings, flat: bool) -> Array:
 def _matched(
     markers: RestMarkers, pose: CameraPose, shift: Shift, radius: float, part: float
 ) -> list[_Pairs]:
-    """Numbers of the places that are nearest to markers of each layer, and these markers' pixels.
+    """Indices of the design markers nearest to visible ones, and pixels of the latter, by layer.
 
     Parameters
     ----------
-    markers: of the rest frame
-    pose, shift: that are known so far
+    markers: markers of the rest frame
+    pose, shift: pose and misalignment so far
     radius: largest distance [pitches]
-    part: of the layout, from the middle, whose places count
+    part: share of the layout, from the middle, that is used
     """
     outward = np.argsort(np.argsort(markers.sensor.places[:, 0]))
     limit = part**2 * len(outward)
@@ -235,11 +235,12 @@ def _matched(
 
 
 def _numbers(pose: CameraPose) -> Array:
-    """X of a pose with aligned layers."""
+    """Unknowns x of a pose with aligned layers."""
     return np.array([pose.roll, *pose.tilt, *pose.shift, math.log(pose.scale), 0.0, 0.0, 0.0])
 
 
 def _values(x: Array, flat: bool) -> tuple[CameraPose, Shift]:
+    """Pose and misalignment of unknowns x."""
     roll, tilt_x, tilt_y, x_shift, y_shift, scale, one, two, three = map(float, x)
     pose = CameraPose(
         roll=math.remainder(roll, 2 * math.pi),
@@ -264,7 +265,7 @@ def _with_deviations(pose: CameraPose, deviation: Array) -> CameraPose:
 
 
 def _alike(markers: RestMarkers, one: CameraPose, other: CameraPose) -> bool:
-    """Whether two poses put the same markers on the same places."""
+    """Whether two poses put each marker at the same position."""
     here, there = (markers.seen(pose, Shift())[0] for pose in (one, other))
     return float(np.median(np.linalg.norm(here - there, axis=-1))) < 0.5 * markers.pitch
 
@@ -291,7 +292,7 @@ def _check_clear(
     its: Agreement,
     clear: float,
 ) -> None:
-    """Refuse two poses that explain a rest frame equally well, neither of them near the design."""
+    """Refuse a rest frame that two poses explain equally well, neither of them near the design."""
     turned = math.dist(pose.shift, other.shift) < 0.5 * markers.pitch
     near, next_one = (abs(pose.roll), abs(other.roll)) if turned else (match.moved, its.moved)
     if near > clear * next_one:
@@ -303,7 +304,7 @@ def _check_clear(
 
 
 def _check_range(sensor: SensorDesign, pose: CameraPose, settings: PoseSettings) -> None:
-    """Refuse a pose beyond what can be told."""
+    """Refuse a pose out of the range that can be estimated."""
     search, tilt = settings.search, settings.largest_tilt
     shift = search.shift * min(sensor.view.width, sensor.view.height)
     low, high = search.smallest_scale, search.largest_scale

@@ -1,4 +1,4 @@
-"""Markers of a rest frame and of the design: which is which under a pose."""
+"""Assignment of the markers of a rest frame to those of the design under a pose."""
 
 import math
 from collections.abc import Sequence
@@ -21,11 +21,11 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True)
 class Shift:
-    """Misalignment of the inner layer: a small turn, or on a pad a shift and a turn.
+    """Misalignment of the inner layer: a small rotation, or on a pad a shift and a rotation.
 
     Attributes
     ----------
-    turn: of the layer about the origin, as a rotation vector [rad]; on a pad about its normal only
+    turn: rotation vector of the layer about the origin [rad]; on a pad about its normal only
     along: shift along a pad [m]
     """
 
@@ -39,9 +39,9 @@ class RestLayer:
 
     Attributes
     ----------
-    points: of the design's markers [m], shape (M, 3)
-    pixels: of the markers that are visible [px], shape (Q, 2)
-    tree: of these pixels
+    points: positions of the design's M markers [m], shape (M, 3)
+    pixels: positions of the Q visible markers [px], shape (Q, 2)
+    tree: search tree of these pixels
     """
 
     points: Array
@@ -51,16 +51,16 @@ class RestLayer:
 
 @dataclass(frozen=True, kw_only=True)
 class RestMarkers:
-    """Markers of a rest frame and their design, from the skin inwards.
+    """Markers of a rest frame and of the design.
 
     Attributes
     ----------
-    sensor: design
-    layers: of the markers
+    sensor: design of the sensor
+    layers: layers of markers, from the skin inwards
     pitch: typical distance of neighbouring markers in the design's image [px]
-    turns: about the axis that bring much of the layout onto itself [rad]
-    lattice: whether a shift to a neighbour brings most of the layout onto itself
-    same: distance up to which a marker and a place of the design are the same [pitches]
+    turns: rotations about the axis that map much of the layout onto itself [rad]
+    lattice: whether a shift to a neighbour maps most of the layout onto itself
+    same: distance up to which a marker is at a position of the design [pitches]
     """
 
     sensor: SensorDesign
@@ -72,11 +72,11 @@ class RestMarkers:
 
     @property
     def camera(self) -> Camera:
-        """The design's camera."""
+        """Camera of the design."""
         return self.sensor.view.camera
 
     def designed(self, layer: int, shift: Shift | None = None, spin: float = 0.0) -> Array:
-        """Pixels of the design's markers, shape (M, 2), of a layout turned by `spin` [rad]."""
+        """Pixels (M, 2) of the design's markers, of a layout rotated by `spin` [rad]."""
         points = self.layers[layer].points
         if spin:
             points = scipy.spatial.transform.Rotation.from_rotvec([0.0, 0.0, spin]).apply(points)
@@ -87,12 +87,12 @@ class RestMarkers:
         return self.sensor.view.project(points)
 
     def seen(self, pose: CameraPose, shift: Shift, spin: float = 0.0) -> list[Array]:
-        """Pixels of each layer's markers under a pose, (M, 2) each."""
+        """Pixels of each layer's design markers under a pose, (M, 2) each."""
         count = len(self.layers)
         return [seen_by(pose, self.camera, self.designed(k, shift, spin)) for k in range(count)]
 
     def inside(self, pixels: Array) -> Mask:
-        """Whether markers at pixels (…, 2) are surely in the image."""
+        """Whether markers at pixels (…, 2) are completely in the image."""
         view, edge = self.sensor.view, 0.5 * self.pitch
         size = np.array([view.width, view.height])
         return np.asarray(((pixels > edge) & (pixels < size - 1.0 - edge)).all(axis=-1))
@@ -104,11 +104,11 @@ class Agreement:
 
     Attributes
     ----------
-    share: of the visible markers that lie at places of the design
-    found: share of the places in the image at which there is a marker
-    overlap: both, weighted by their numbers
-    error: RMS distance of the visible markers from the nearest places [px]
-    moved: RMS distance of the places under the pose from those of the design [px]
+    share: share of the visible markers that lie at design positions
+    found: share of the design positions in the image at which there is a marker
+    overlap: mean of both shares, weighted by their numbers
+    error: RMS distance of the visible markers from the nearest design positions [px]
+    moved: RMS distance of the design positions from those without the pose [px]
     """
 
     share: float
@@ -121,7 +121,7 @@ class Agreement:
 def rest_markers(
     sensor: SensorDesign, rest: Tracks, settings: MatchSettings = MatchSettings()
 ) -> RestMarkers:
-    """Markers of a rest frame beside their design.
+    """Collect the markers of a rest frame and of the design.
 
     Raises
     ------
@@ -139,12 +139,12 @@ def rest_markers(
 def markers_beside(
     sensor: SensorDesign, seen: Sequence[Array], settings: MatchSettings = MatchSettings()
 ) -> RestMarkers:
-    """Markers that were seen at pixels (Q, 2), layer by layer, beside their design.
+    """Collect visible markers at pixels (Q, 2) of each layer, and those of the design.
 
     Raises
     ------
     UserError
-        When there are too few of them.
+        When there are too few visible markers.
     """
     layers = []
     for depth, pixels in zip(sensor.depths, seen, strict=True):
@@ -156,7 +156,7 @@ def markers_beside(
         points = sensor.shape.points(sensor.places, depth)
         layers.append(RestLayer(points=points, pixels=pixels, tree=scipy.spatial.KDTree(pixels)))
     if sensor.defects.gore_misalignment_mm:
-        # Each gore of the inner layer lies elsewhere: it tells nothing of the camera.
+        # Misaligned gores (sectors) of the inner layer do not determine the camera.
         layers = layers[:1]
     designed = sensor.view.project(layers[0].points)
     scatter = math.hypot(sensor.defects.crookedness_mm, sensor.defects.misplacement_mm)
@@ -171,19 +171,19 @@ def markers_beside(
 
 
 def spacing(points: Array) -> float:
-    """Median distance of points (n, K) from the nearest other one."""
+    """Median distance of n points (n, K) from the nearest other one."""
     return float(np.median(np.asarray(scipy.spatial.KDTree(points).query(points, k=2)[0])[:, 1]))
 
 
 def _symmetric_turns(points: Array, settings: MatchSettings) -> tuple[float, ...]:
-    """Turns about the axis that bring many points (M, 3) onto points [rad]."""
+    """Rotations about the axis that map many points (M, 3) onto points [rad]."""
     tree, limit = scipy.spatial.KDTree(points), settings.own * spacing(points)
     turns: set[Fraction] = set()
     for order in range(2, settings.largest_order + 1):
         turned = scipy.spatial.transform.Rotation.from_rotvec(
             [0.0, 0.0, 2 * math.pi / order]
         ).apply(points)
-        # Half as near counts half: an order that is nearly right is no symmetry.
+        # Weight decreases with distance: an approximate coincidence is no symmetry.
         near = np.clip(1.0 - np.asarray(tree.query(turned)[0]) / limit, 0.0, None)
         if near.mean() > settings.symmetric:
             turns |= {Fraction(k, order) for k in range(1, order)}
@@ -191,7 +191,7 @@ def _symmetric_turns(points: Array, settings: MatchSettings) -> tuple[float, ...
 
 
 def _lattice(pixels: Array, settings: MatchSettings) -> bool:
-    """Whether a shift to a neighbour brings most pixels (M, 2) onto pixels."""
+    """Whether a shift to a neighbour maps most pixels (M, 2) onto pixels."""
     tree, limit = scipy.spatial.KDTree(pixels), settings.same * spacing(pixels)
     middle = pixels[np.argmin(np.linalg.norm(pixels - pixels.mean(axis=0), axis=-1))]
     count = min(settings.neighbours + 1, len(pixels))
@@ -204,7 +204,7 @@ def _lattice(pixels: Array, settings: MatchSettings) -> bool:
 
 
 def agreement(markers: RestMarkers, pose: CameraPose, shift: Shift, spin: float = 0.0) -> Agreement:
-    """Agreement of a pose with the rest frame, with the layout turned by `spin` [rad]."""
+    """Agreement of a pose with the rest frame, with the layout rotated by `spin` [rad]."""
     limit = markers.same * markers.pitch * pose.scale
     near = seen = met = expected = 0
     squares: list[Array] = []

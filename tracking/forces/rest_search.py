@@ -1,4 +1,4 @@
-"""Poses that a rest frame may be seen from, from a search over roll, scale and shift."""
+"""Search for likely camera poses of a rest frame, over roll, scale and shift."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, kw_only=True)
 class _Similarity:
-    """Map of pixels p as complex numbers: scale·e^(i·roll)·p + shift, around the centre."""
+    """Similarity of pixels p as complex numbers: scale·e^(i·roll)·p + shift, about the centre."""
 
     factor: complex
     shift: complex
@@ -49,7 +49,7 @@ def likely_poses(markers: RestMarkers, settings: SearchSettings) -> list[CameraP
 def _voted(
     markers: RestMarkers, voters: Complex, seen: Complex, ratio: float, settings: SearchSettings
 ) -> list[_Similarity]:
-    """Similarities that many pairs of markers agree on, most votes first."""
+    """Find similarities by votes of pairs of markers, most votes first."""
     view = markers.sensor.view
     reach = (settings.shift + 0.03) * min(view.width, view.height)
     starts: list[tuple[float, _Similarity]] = []
@@ -65,7 +65,7 @@ def _voted(
             row = (apart.imag + half).astype(np.int64)
             votes = np.bincount(2 * half * row + column, minlength=4 * half * half)
             grid = votes.reshape(2 * half, 2 * half)
-            # A true shift may lie at the edge of cells: four of them count together.
+            # A true shift may lie at the edge of cells: count four cells together.
             grid = grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]
             least = max(settings.likely * float(grid.max()), 3.0)
             for y, x in zip(*np.nonzero(grid >= least), strict=True):
@@ -84,7 +84,7 @@ def _refined(
     tree: "scipy.spatial.KDTree",
     settings: SearchSettings,
 ) -> tuple[_Similarity, int]:
-    """Similarity fitted to the nearest markers, over and over, and the number that it meets."""
+    """Fit a similarity to the nearest markers repeatedly; also return the number matched."""
     current, hits = start, 0
     for radius in settings.radii:
         distance, nearest = tree.query(_pixels(current.factor * voters + current.shift))
@@ -100,6 +100,7 @@ def _refined(
 
 
 def _pose(similarity: _Similarity) -> CameraPose:
+    """Camera pose of a similarity."""
     factor, shift = similarity.factor, similarity.shift
     return CameraPose(
         roll=float(np.angle(factor)), scale=abs(factor), shift=(shift.real, shift.imag)
@@ -107,8 +108,8 @@ def _pose(similarity: _Similarity) -> CameraPose:
 
 
 def _alike(one: _Similarity, other: _Similarity, pitch: float) -> bool:
-    """Whether two similarities put markers on the same places."""
-    far = 5.0 * pitch  # from the middle
+    """Whether two similarities put markers at the same positions."""
+    far = 5.0 * pitch  # distance from the middle
     return (
         abs(one.shift - other.shift) < 0.5 * pitch
         and abs(one.factor - other.factor) * far < 0.5 * pitch

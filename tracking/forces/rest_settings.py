@@ -1,4 +1,4 @@
-"""Tuned numbers for the pose of the camera in a rest frame, each with its unit and effect."""
+"""Tuned parameters of the estimate of the camera's pose from a rest frame."""
 
 import math
 from dataclasses import dataclass
@@ -6,18 +6,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class MatchSettings:
-    """Tuned numbers for markers and the places of a design; distances are in pitches.
+    """Tuned parameters of the assignment of markers to design positions; distances are in pitches.
 
     Attributes
     ----------
-    least_markers: number of markers in a layer below which no pose is determined
-    same: distance below which a marker and a place are the same, for a perfect specimen
-    scattered: its increase per deviation of a specimen's markers from their places
-    own: distance below which places are the same under a turn of the layout
-    symmetric: share of the places that fall on places when a symmetry turns the layout
+    least_markers: smallest number of markers in a layer
+    same: distance below which a marker is at a design position, for a perfect specimen
+    scattered: its increase per standard deviation of a specimen's markers from their positions
+    own: distance below which positions of a rotated layout coincide
+    symmetric: smallest share of positions that coincide under a rotational symmetry of the layout
     largest_order: largest order of a symmetry that is tried
-    neighbours: number of neighbours that a layout is shifted onto to find a lattice
-    lattice: share of the places that fall on places when a lattice is shifted
+    neighbours: number of neighbours onto which a layout is shifted to find a lattice
+    lattice: smallest share of positions that coincide when a lattice is shifted
     """
 
     least_markers: int = 20
@@ -32,21 +32,21 @@ class MatchSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchSettings:
-    """Tuned numbers of the search over roll, scale and shift; distances are in pitches.
+    """Tuned parameters of the search over roll, scale and shift; distances are in pitches.
 
     Attributes
     ----------
     smallest_scale, largest_scale: bounds of the scale
     shift: largest shift over the image's smaller side
     voters: number of markers that vote for a pose, those nearest to the middle of the image, where
-        a tilt looks like a shift; of a lattice all vote, as its middle looks the same everywhere
-    scales: tried scales over that of the markers' spacing
-    roll_step: distance of the tried rolls [rad]
+        a tilt looks like a shift; in a lattice all vote, as it looks the same everywhere
+    scales: tried scales, relative to that from the markers' spacing
+    roll_step: step of the tried rolls [rad]
     cell: side of the cells in which votes for a shift are counted
-    likely: share of the most votes above which a pose is refined
+    likely: share of the largest number of votes above which a pose is refined
     most: largest number of such poses
-    radii: distances up to which markers are matched, round by round
-    close: share of the most matched markers above which a pose is returned
+    radii: distances up to which markers are matched, by round
+    close: share of the largest number of matched markers above which a pose is returned
     returned: largest number of returned poses
     """
 
@@ -66,16 +66,16 @@ class SearchSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class PlacementSettings:
-    """Tuned numbers for the place of a design's image in a picture.
+    """Tuned parameters of the location of a design's image in a picture.
 
     Attributes
     ----------
-    share: share of the markers that must lie at places of the design; specks and cut markers lie
-        elsewhere, and of another dome's spiral up to 0.88 lie at places, too
-    middles: tried places of the middle of the markers, over their reach: first uncut, then cut on
-        any side
+    share: share of the markers that must lie at design positions; specks and cut markers do not,
+        and up to 0.88 of another dome's spiral do
+    middles: tried offsets of the middle of the markers, over their reach: first uncut, then cut on
+        each side
     equal: loss of overlap up to which two placements are equally good, over 1/√markers
-    match, search: parts of the method
+    match, search: settings of the parts of the method
     """
 
     share: float = 0.9
@@ -93,28 +93,28 @@ class PlacementSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class PoseSettings:
-    """Tuned numbers of `rest_pose`; prior deviations narrow what is uncertain.
+    """Tuned parameters of `rest_pose`.
 
     Attributes
     ----------
-    tilt: prior deviation of the camera's tilt about each axis [rad]
-    shift: prior deviation of its shift along each axis [px]
-    log_scale: prior deviation of the logarithm of its scale
-    turn: prior deviation of the inner layer's turn about each axis [rad]
-    along: prior deviation of the inner layer's shift along a pad [m]
-    place: deviation of a marker's place that stencils cause [pitches]
+    tilt: prior standard deviation of the camera's tilt about each axis [rad]
+    shift: prior standard deviation of its shift along each axis [px]
+    log_scale: prior standard deviation of the logarithm of its scale
+    turn: prior standard deviation of the inner layer's rotation about each axis [rad]
+    along: prior standard deviation of the inner layer's shift along a pad [m]
+    place: standard deviation of a marker's position due to manufacture [pitches]
     from_design: rounds of a fit from the design's pose: distance up to which markers are matched
-        [pitches], and part of the layout from the middle; near it a tilt looks like a shift
-    from_search: the same from a pose of the search
+        [pitches], and share of the layout, from the middle; near it a tilt looks like a shift
+    from_search: such rounds of a fit from a pose of the search
     largest_tilt: largest tilt that can be distinguished from a shift [rad]
-    share: share of the visible markers that must lie at places of the design
-    found: share of the design's places that must have markers
-    apart: largest RMS distance of the markers from the places [pitches]
+    share: share of the visible markers that must lie at design positions
+    found: share of the design positions that must have markers
+    apart: largest RMS distance of the markers from the design positions [pitches]
     sure: loss of overlap below which a fit from the design's own pose needs no search, over
         1/√markers; a square grid that is shifted by a pitch loses 1
     equal: loss of overlap up to which two poses are equally good, over 1/√markers
-    clear: share of the next pose's motion below which a pose is taken
-    match, search: parts of the method
+    clear: motion of a pose from the design, over that of the next pose, below which it is accepted
+    match, search: settings of the parts of the method
     """
 
     tilt: float = 0.1

@@ -1,4 +1,4 @@
-"""How the marker pairs of one specimen have moved since rest: what every reconstructor reads."""
+"""Shifts of one specimen's marker pairs since rest, the input of every reconstructor."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,45 +12,44 @@ from .rest_fit import rest_pose
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Measurements of a pair, in order: (x, y, log size) of magenta, then of yellow.
+#: Number of measurements of a pair: (x, y, log size) of magenta, then of yellow.
 MEASURED = 6
 
 
 def floor_variances(calibration: SensorCalibration) -> Array:
-    """Variances that stand for the model's own errors of a pair's measurements, shape (6,)."""
+    """Variances of the model errors of a pair's measurements, shape (6,)."""
     floor = [calibration.position_floor, calibration.position_floor, calibration.size_floor]
     return np.tile(floor, 2) ** 2
 
 
 class MarkerShifts:
-    """Shifts of the pairs that were visible at rest, up to an angle from the apex.
+    """Shifts of the P pairs that were visible at rest, up to an angle from the apex.
 
-    All pixels are those of the design's own camera: what the specimen's camera shows is carried
-    over by the pose that the rest frame tells.
+    All pixels are converted to the design's own camera, by the pose of the specimen's camera.
 
     Parameters
     ----------
-    calibration: of the sensor
+    calibration: calibration of the sensor
     rest: tracks of the unloaded sensor
-    reach: pairs further from the apex are left out [rad]
-    pose: of the specimen's camera, where it is known; by default the rest frame tells it
-    halves: read pairs of which one marker alone was visible at rest, as where the other is worn off
+    reach: angle from the apex up to which pairs are used [rad]
+    pose: pose of the specimen's camera; None: estimated from the rest frame
+    halves: whether to use pairs with only one marker visible at rest, e.g. if the other is worn off
 
     Attributes
     ----------
-    sensor: calibration of the image, with the design's camera
-    pose: of the specimen's camera
-    pairs: numbers of the pairs read, P of them, shape (P,)
-    places: where they are at rest, see `render.skin`, shape (2, P, 2); a marker that is not there
-        is taken to be at the other's
+    sensor: calibrated design, with the design's camera
+    pose: pose of the specimen's camera
+    pairs: indices of the used pairs in the tracks, shape (P,)
+    places: their places on the skin at rest, see `render.skin`, shape (2, P, 2); a missing marker
+        gets the place of its partner
     measured: whether a pair has each measurement, shape (P, 6)
-    rest_covariance: of the measurements at rest, shape (P, 6, 6)
-    floor: variances that stand for the model's own errors, shape (6,)
+    rest_covariance: covariance of the measurements at rest, shape (P, 6, 6)
+    floor: variances of the model errors, shape (6,)
 
     Raises
     ------
     UserError
-        When the rest frame does not tell the camera's pose.
+        When the rest frame does not determine the camera's pose.
     """
 
     def __init__(
@@ -75,7 +74,7 @@ class MarkerShifts:
         self.places = places[:, near]
         self._there = there[:, self.pairs]
         self.measured = np.repeat(self._there.T, MEASURED // len(there), axis=1)
-        # Markers move little, and the camera's pose changes little on the way.
+        # The Jacobian at rest is used throughout, as markers move little.
         self._blocks = blocks(self._align, rest.position[:, self.pairs])
         self.rest_covariance = self.covariance(rest)
         self.floor = floor_variances(calibration)
@@ -84,7 +83,7 @@ class MarkerShifts:
     def __call__(self, tracks: Tracks, least: int) -> tuple[Array, Mask]:
         """Shifts of (x, y, log size) of both layers, (P, 6), and which pairs are certain, (P,).
 
-        What is not measured has not moved.
+        A shift that is not measured is 0.
 
         Raises
         ------
@@ -100,29 +99,29 @@ class MarkerShifts:
         return np.where(self.measured, self._seen(tracks) - self._at_rest, 0.0), certain
 
     def whole(self, markers: Mask) -> Mask:
-        """Pairs (P,) of which every marker that was there at rest is among some (L, M)."""
+        """Mask (P,) of pairs whose markers, if present at rest, are all in `markers` (L, M)."""
         return np.asarray((markers[:, self.pairs] | ~self._there).all(axis=0))
 
     def covariance(self, tracks: Tracks, some: NDArray[np.bool_] | None = None) -> Array:
         """Covariance of (x, y, log size) of all pairs in one frame, or of some (P,): (…, 6, 6).
 
-        Where a pair is not visible it is NaN; what is not measured is independent of the rest.
+        It is NaN for invisible pairs; missing measurements are independent of others.
         """
         of = slice(None) if some is None else some
         return carried(self._blocks[of], self.separated(tracks.covariance[self.pairs[of]], some))
 
     def separated(self, covariance: Array, some: NDArray[np.bool_] | None = None) -> Array:
-        """Covariances (…, 6, 6) in which what is not measured is independent of the rest."""
+        """Make missing measurements independent of others in covariances (…, 6, 6)."""
         measured = self.measured[slice(None) if some is None else some]
         both = measured[:, :, None] & measured[:, None, :]
         return np.where(both, covariance, np.eye(MEASURED))
 
     def noise(self, tracks: Tracks) -> Array:
-        """Covariance of the shifts, the floor included, shape (P, 6, 6)."""
+        """Covariance of the shifts, including the model errors, shape (P, 6, 6)."""
         return self.covariance(tracks) + self.rest_covariance + np.diag(self.floor)
 
     def _seen(self, tracks: Tracks) -> Array:
-        """(x, y, log size) of the pairs' layers, shape (P, 6)."""
+        """Measurements (x, y, log size) of both layers of each pair, shape (P, 6)."""
         seen = self._align(tracks.position[:, self.pairs])
         seen[..., 2] += tracks.log_size[:, self.pairs]
         return np.swapaxes(seen, 0, 1).reshape(-1, MEASURED)

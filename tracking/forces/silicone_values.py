@@ -1,4 +1,4 @@
-"""Values of a dome of silicone that presses can determine, and which of them a design has."""
+"""Parameters of a silicone dome that can be fitted to presses, and which of them a design has."""
 
 from typing import Annotated
 
@@ -10,16 +10,16 @@ from ...strict_toml import Table
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 
-#: A layer nearer to the core than this share of the silicone does not move.
+#: Distance from the core, over the thickness, below which a layer counts as fixed.
 ON_CORE = 0.05
-#: Error of the model of silicone, as a share of forces; presses do not make it smaller.
+#: Relative error of forces due to the silicone model; presses do not reduce it.
 SILICONE_ERROR = 0.02
 
 
 class SiliconeValues(Table, frozen=True, kw_only=True):
-    """Values of a dome of silicone that presses can determine; see `Silicone` of a design.
+    """Parameters of a silicone dome that can be fitted to presses; see `Silicone` of a design.
 
-    `yellow_depth_mm` is that of a layer that moves. Without it the yellow layer keeps its distance
+    `yellow_depth_mm` is the depth of a moving yellow layer. Without it the layer keeps its distance
     from the core.
     """
 
@@ -31,13 +31,13 @@ class SiliconeValues(Table, frozen=True, kw_only=True):
 
 
 def silicone_names(sensor: SensorDesign) -> tuple[str, ...]:
-    """Names of the `SiliconeValues` that a dome of silicone has, Young's modulus last."""
+    """Names of the `SiliconeValues` that a silicone dome has, Young's modulus last."""
     inner = ("yellow_depth_mm",) if yellow_moves(sensor) else ()
     return ("core_mm", "poisson", "magenta_depth_mm", *inner, "young_kpa")
 
 
 def yellow_moves(sensor: SensorDesign) -> bool:
-    """Whether the yellow layer of a dome of silicone lies in it, not on its core."""
+    """Whether the yellow layer of a silicone dome moves, as it does not lie on the core."""
     assert sensor.silicone is not None
     thickness = 1e3 * sensor.shape.radius - sensor.silicone.core_mm
     return sensor.yellow.depth_mm < (1.0 - ON_CORE) * thickness

@@ -1,4 +1,4 @@
-"""Compiled factors and inverses of small positive definite matrices."""
+"""Compiled Cholesky factors and inverses of small positive definite matrices."""
 
 import math
 
@@ -9,13 +9,13 @@ from ....compiled import njit
 
 Array = NDArray[np.float64]
 
-#: A pivot below this share of its diagonal entry says that the matrix is singular.
+#: Smallest pivot of a regular matrix, as a share of its diagonal entry.
 _SINGULAR = 1e-9
 
 
 @njit()
 def factorise(matrix: Array, size: int) -> bool:
-    """Cholesky's factor of the first rows, in place of their lower half; False if it has none."""
+    """Factorise the first rows and columns in place (lower half); False if they are singular."""
     for i in range(size):
         for j in range(i + 1):
             total = matrix[i, j]
@@ -32,13 +32,13 @@ def factorise(matrix: Array, size: int) -> bool:
 
 @njit()
 def invert_corner(factor: Array, first: int, half: Array, out: NDArray[np.floating]) -> None:
-    """Last corner of the inverse of a matrix, from its factor (N, N).
+    """Compute the last corner of the inverse of a matrix from its Cholesky factor (N, N).
 
     Parameters
     ----------
     first: row and column at which the corner begins
     half: working memory, shape (N − first, N − first) or larger
-    out: result, the same
+    out: result, of that shape or larger
     """
     size = factor.shape[0] - first
     for j in range(size):

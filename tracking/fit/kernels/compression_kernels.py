@@ -1,4 +1,4 @@
-"""Compiled noise of a picture's flat places. `compression.py` documents the use."""
+"""Compiled noise of flat regions of a picture. `compression.py` documents the use."""
 
 import math
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ....compiled import njit
 
-#: Differences of levels are below this.
+#: Upper bound of the differences of levels.
 _MOST = 8192
 
 
@@ -15,16 +15,16 @@ _MOST = 8192
 def flat_noise(
     image: NDArray[np.uint8], blocks: NDArray[np.intp], kept: float
 ) -> tuple[float, float, float]:
-    """Root mean squares of brightness, of colours, and of colours of two by two pixels.
+    """RMS differences of brightness, of colours, and of colours averaged over two by two pixels.
 
-    Of each, the differences across two by two values are taken, which no slope changes, and the
-    largest are left out.
+    Mixed second differences over two by two values are used, which a gradient does not change. The
+    largest ones are left out.
 
     Parameters
     ----------
-    image: sRGB, shape (H, W, 3)
-    blocks: numbers of pixels, shape (4, 4, B)
-    kept: share that is counted
+    image: sRGB picture, shape (H, W, 3)
+    blocks: indices of the pixels of B blocks, shape (4, 4, B)
+    kept: share of the differences that is used
     """
     pixels, count = image.reshape(-1, 3), blocks.shape[2]
     brightness, colours, coarse = (
@@ -62,13 +62,13 @@ def flat_noise(
 
 @njit()
 def _twist(values: NDArray[np.int64], i: int, j: int) -> int:
-    """Difference across two by two values."""
+    """Mixed second difference of the two by two values at (i, j)."""
     return values[i, j] - values[i + 1, j] - values[i, j + 1] + values[i + 1, j + 1]
 
 
 @njit()
 def _smallest(histogram: NDArray[np.int64], kept: int) -> float:
-    """Root mean square of so many of the smallest sizes."""
+    """Root mean square of the `kept` smallest magnitudes of a histogram."""
     left, total = kept, 0.0
     for size in range(len(histogram)):
         number = min(histogram[size], left)

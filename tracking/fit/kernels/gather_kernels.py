@@ -1,7 +1,7 @@
 """Compiled gathering of the pixels that a pair's markers reach. `pair_fit.py` documents the use.
 
-Pixels of a row of the image are gathered in whole blocks of BLOCK, the rows one after another.
-Those of a block that the markers do not reach, or that show no skin, are not read.
+Pixels of a row of the image are gathered in whole blocks of BLOCK, one row after another. Pixels of
+a block that the markers do not reach, or that show no skin, are marked as not read.
 """
 
 import math
@@ -28,11 +28,11 @@ from .pixel_kernels import (
     row_at,
 )
 
-#: Pixels of a block.
+#: Number of pixels of a block.
 BLOCK = 8
-#: Rows of the image that a pair reaches, at most: a marker of more is thinned out before.
+#: Largest number of image rows that a pair reaches; larger markers are thinned out before.
 ROWS = 160
-#: Share of the room that the pixels of a pair take, without those that are not read.
+#: Share of the buffer that the read pixels of a pair may take; the rest is for padding of blocks.
 _FULL = 0.75
 
 
@@ -53,12 +53,13 @@ def gather(
 ) -> tuple[int, int]:
     """Gather the pixels that a pair's markers reach into rows of the buffer.
 
-    The ground is under the light of this frame. `box` receives (left, right, top, bottom) of the
-    pixels, `runs` (row, first column, blocks) of each row of the image, ended by one of no block.
+    The ground is multiplied by the light of this frame. `box` receives (left, right, top, bottom)
+    of the pixels; `runs` receives (row, first column, blocks) of each image row, ended by a run
+    without blocks. Other parameters are as in `fit_step`.
 
     Returns
     -------
-    Number of pixels that are read, and of all, a multiple of the lanes.
+    Number of pixels that are read, and number of all pixels, a multiple of LANES.
     """
     height, breadth = image.shape[0], image.shape[1]
     reach = optics.reach * optics.width
@@ -137,7 +138,7 @@ def gather(
 
 @njit()
 def _pad(count: int, buffer: Array32) -> int:
-    """Append pixels that are not read, up to a multiple of the lanes; returns the new number."""
+    """Append pixels that are not read, up to a multiple of LANES; return the new number."""
     if count == 0:  # there is no last pixel to repeat
         return 0
     end = (count + LANES - 1) // LANES * LANES

@@ -1,7 +1,8 @@
 """Vectorised sums in a fixed order.
 
-A compiler that may choose the order chooses another one where a kernel is inlined, or was read from
-the cache: the last digits, and the results that depend on them, would differ between processes.
+A compiler that may choose the order of a sum may choose another one when a kernel is inlined or
+read from the cache. Then the last digits, and results that depend on them, would differ between
+processes.
 """
 
 from typing import Any
@@ -11,21 +12,21 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-#: Numbers taken at a time: about as many as a processor has in flight.
+#: Number of values that are processed at a time: about as many as a processor has in flight.
 LANES = 32
 
 
 @intrinsic
 def sum_of_products(context: Any, buffer: Any, starts: Any, count: Any) -> Any:
-    """Sum over i < count of the product of buffer[start + i] of all starts.
+    """Sum over i < count the products of buffer[start + i] over all starts.
 
-    Each lane sums every 32nd product; then halves are added until one is left.
+    Each lane sums every 32nd product; then halves are added until one sum remains.
 
     Parameters
     ----------
-    buffer: float32, contiguous
-    starts: tuple of unsigned places in it
-    count: unsigned multiple of LANES
+    buffer: contiguous float32 array
+    starts: tuple of unsigned indices in the buffer
+    count: number of products, an unsigned multiple of LANES
     """
 
     def write(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -48,7 +49,7 @@ def sum_of_products(context: Any, buffer: Any, starts: Any, count: Any) -> Any:
 
 
 def _folded(builder: Any, lanes: Any) -> Any:
-    """Sum of the lanes of a vector."""
+    """Generate code that sums the lanes of a vector."""
     number = ir.IntType(32)
     width: int = lanes.type.count
     while width > 1:

@@ -1,7 +1,7 @@
 """Compiled products of a pair's pixels, and the light on it. `pair_fit.py` documents the use.
 
-Light is a gain for each channel and, where it is uneven, terms up to second order, shared by all
-channels. It is eliminated from the normal equations, which then are those of the markers alone.
+Light is a gain for each channel and, for uneven light, terms up to second order that all channels
+share. It is eliminated from the normal equations, which then contain the markers alone.
 """
 
 from typing import Any
@@ -47,22 +47,22 @@ from .pixel_kernels import (
 )
 from .shade_kernels import shade
 
-#: Gains of three channels, and uneven light.
+#: Number of unknowns of the light: gains of three channels, and terms of uneven light.
 LIGHTS = 3 + TERMS
-#: Coverages further than this from 0 and from 1 are those of edges.
+#: Smallest distance of the coverage from 0 and from 1 at an edge.
 _EDGE = 0.03
 
 
 @njit()
 def dot(buffer: Array32, first: int, second: int, count: int) -> float:
-    """Product of two rows of the buffer."""
+    """Scalar product of two rows of the buffer."""
     rows = row_at(first), row_at(second)
     return np.float64(sum_of_products(buffer, rows, np.uint64(count)))
 
 
 @njit()
 def weighted_dot(buffer: Array32, weight: int, first: int, second: int, count: int) -> float:
-    """Weighted product of two rows of the buffer."""
+    """Weighted scalar product of two rows of the buffer."""
     rows = row_at(weight), row_at(first), row_at(second)
     return np.float64(sum_of_products(buffer, rows, np.uint64(count)))
 
@@ -112,9 +112,10 @@ def uneven_light(
 def solve_light(
     lights: Array, rhs: Array, cross: Array, terms: int, normal: Array, gradient: Array
 ) -> bool:
-    """Eliminate the light from the normal equations; False where it is not determined.
+    """Eliminate the light from the normal equations; False if the light is not determined.
 
-    `lights` becomes the factor L of the information on light; `rhs` and `cross` are divided by it.
+    `lights`, the information matrix of the light, becomes its Cholesky factor L; `rhs` and `cross`
+    are multiplied by L⁻¹.
     """
     if not factorise(lights, terms):
         return False
@@ -140,7 +141,7 @@ def solve_light(
 def light_step(
     lights: Array, rhs: Array, cross: Array, change: Array, terms: int, out: Array
 ) -> None:
-    """Change of the light that belongs to a change of the markers."""
+    """Compute the change of the light that follows from a change of the markers."""
     for i in range(terms - 1, -1, -1):
         total = rhs[i]
         for j in range(change.shape[0]):
@@ -152,13 +153,13 @@ def light_step(
 
 @njit()
 def share_light(lights: Array, cross: Array, factor: Array, covariance: Array) -> None:
-    """Covariance of the gains' logarithms with (x, y, e) of both layers, and of their own.
+    """Compute covariances of log gains with (x, y, e) of both layers, and among themselves.
 
     Parameters
     ----------
-    lights, cross: as `solve_light` left them, of even light
-    factor: Cholesky's, of the information on all five numbers of both layers
-    covariance: result, shape (9, 9), the gains' last
+    lights, cross: results of `solve_light` for even light
+    factor: Cholesky factor of the information matrix of all five parameters of both layers
+    covariance: result, shape (9, 9), gains last
     """
     size = factor.shape[0]
     first = place_of(0, 0, 5)
@@ -190,9 +191,9 @@ def share_light(lights: Array, cross: Array, factor: Array, covariance: Array) -
 
 @njit(inline="always")
 def place_of(layer: int, number: int, free: int) -> int:
-    """Index of a number of a layer among the unknowns.
+    """Index of a layer's parameter among the unknowns.
 
-    Strains are first: then the covariance of all others is the inverse of a corner of the factor.
+    Strains come first, so that the covariance of all others follows from a corner of the factor.
     """
     if free == 2:
         return 2 * layer + number
@@ -211,9 +212,9 @@ def light_sums(
     sums: Array,
     buffer: Array32,
 ) -> None:
-    """Weighted products of (1, C₀, C₁, C₀₁, light over ground) of each pair and channel.
+    """Sum weighted products of (1, C₀, C₁, C₀₁, light over ground) for each pair and channel.
 
-    `sums` receives them, shape (M, 3, 5, 5); the rest is as in `fit_step`.
+    `sums` receives them, shape (M, 3, 5, 5). Other parameters are as in `fit_step`.
     """
     shapes, inverses = np.empty((2, 2, 2)), np.empty((2, 2, 2))
     outlines, box = np.empty((2, 3, 2)), np.empty(4)
@@ -240,14 +241,14 @@ def light_sums(
             if buffer[READ * ROOM + i] == F0:
                 continue
             first, second = buffer[COVERED * ROOM + i], buffer[(COVERED + 1) * ROOM + i]
-            # Edges depend on tone curve, blur and places more than on colours.
+            # Edges depend more on tone curve, blur and positions than on colours.
             if _EDGE < first < 1.0 - _EDGE or _EDGE < second < 1.0 - _EDGE:
                 continue
             values[0], values[1], values[2] = 1.0, first, second
             values[3] = buffer[BOTH * ROOM + i]
             row, column = int(buffer[Y * ROOM + i]), int(buffer[X * ROOM + i])
             for c in range(3):
-                # Colours may be far from what is thought: light and weight are those observed.
+                # The model's colours may be wrong: take observed light and weight.
                 level, light = image[row, column, c], buffer[(GROUND + c) * ROOM + i]
                 values[4] = optics.linear[c, level] / light
                 weight = optics.weight[c, level] * light * light

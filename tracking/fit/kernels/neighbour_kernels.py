@@ -1,4 +1,4 @@
-"""Compiled comparisons of pairs with those next to them. `pair_fit.py` documents the use."""
+"""Compiled comparisons of pairs with neighbouring pairs. `pair_fit.py` documents the use."""
 
 import math
 
@@ -9,25 +9,25 @@ from ....compiled import njit
 
 Array = NDArray[np.float64]
 
-#: Neighbours from which the scatter of the gains is estimated, at least.
+#: Smallest number of neighbours from which the scatter of the gains is estimated.
 _FEWEST = 3
 
 
 @njit()
 def median(values: Array) -> float:
-    """Median of some numbers (K,), none of them NaN."""
+    """Median of K values without NaN."""
     return float(np.median(values))
 
 
 @njit()
 def slopes_of(gains: Array, near: NDArray[np.int64], to_slope: Array, out: Array) -> None:
-    """Relative slope of the gains at each pair [1/px], read off its neighbours.
+    """Compute the relative slope of the gains at each of M pairs [1/px] from its neighbours.
 
     Parameters
     ----------
-    gains: shape (M, 3)
-    near: neighbours, shape (M, K)
-    to_slope: maps from the logarithms of the neighbours' gains, less the own one's, (M, 2, K)
+    gains: gains of each channel, shape (M, 3)
+    near: indices of K neighbours of each pair, shape (M, K)
+    to_slope: matrices from differences of log gain, neighbours minus own, to slopes, (M, 2, K)
     out: result, shape (M, 2); NaN where a gain is not above zero
     """
     light = np.empty(gains.shape[0])
@@ -48,11 +48,11 @@ def slopes_of(gains: Array, near: NDArray[np.int64], to_slope: Array, out: Array
 def lying(
     fits: Array, present: NDArray[np.bool_], near: NDArray[np.int64], radii: Array
 ) -> NDArray[np.bool_]:
-    """Pairs with a marker that lies within some distances of another one of its layer, (R, M).
+    """Mask (R, M) of pairs with a marker within one of R distances of another of its layer.
 
     Parameters
     ----------
-    fits, present, near: see `crowded`
+    fits, present, near: as in `crowded`
     radii: distances in each layer [px], shape (R, 2)
     """
     out = np.empty((len(radii), len(fits)), dtype=np.bool_)
@@ -71,17 +71,17 @@ def tie_light(
     covariance: Array,
     fits: Array,
 ) -> None:
-    """Correct places and sizes with the light on the neighbours as a prior of that on each pair.
+    """Correct positions and sizes, with the neighbours' light as a prior of each pair's light.
 
-    The prior is the mean of the neighbours' gains. Its variance is that by which the gains around
-    scatter beyond their noise.
+    The prior is the mean of the neighbours' gains. Its variance is the scatter of the gains around
+    beyond their noise.
 
     Parameters
     ----------
     light: logarithms of the gains over those at rest, shape (M, 3)
     visible: pairs whose gains are known, shape (M,)
-    near: neighbours, shape (M, K)
-    covariance: of (x, y, e) of both layers and of `light`, shape (M, 9, 9), in place
+    near: indices of K neighbours of each pair, shape (M, K)
+    covariance: covariance of (x, y, e) of both layers and `light`, shape (M, 9, 9), in place
     fits: (x, y, e, p, q) of each layer, shape (M, 2, 5), in place
     """
     count = len(light)
@@ -136,14 +136,14 @@ def tie_light(
 def torn_off(
     moved: Array, visible: NDArray[np.bool_], near: NDArray[np.int64], limit: float
 ) -> NDArray[np.bool_]:
-    """Markers that moved otherwise than at least half of their visible neighbours, shape (M, 2).
+    """Mask (M, 2) of markers that moved otherwise than half or more of their visible neighbours.
 
     Parameters
     ----------
-    moved: since rest [px], shape (M, 2, 2)
-    visible: shape (M, 2)
-    near: neighbours, shape (M, K)
-    limit: of the difference, along x or y [px]
+    moved: displacements since rest [px], shape (M, 2, 2)
+    visible: whether each marker is visible, shape (M, 2)
+    near: indices of K neighbours of each pair, shape (M, K)
+    limit: largest difference along x or y [px]
     """
     torn = np.zeros(visible.shape, dtype=np.bool_)
     for m in range(visible.shape[0]):
@@ -165,14 +165,14 @@ def torn_off(
 def crowded(
     fits: Array, visible: NDArray[np.bool_], near: NDArray[np.int64], limit: Array
 ) -> NDArray[np.bool_]:
-    """Markers so near to another one of their layer that the two may be confused, shape (M, 2).
+    """Mask (M, 2) of markers within a distance of another one of their layer.
 
     Parameters
     ----------
     fits: (x, y, …) of each layer, shape (M, 2, 5)
-    visible: shape (M, 2)
-    near: pairs that may come near, shape (M, K)
-    limit: of the distance in each layer [px], shape (2,)
+    visible: whether each marker is visible, shape (M, 2)
+    near: indices of K pairs that may come near each pair, shape (M, K)
+    limit: distance in each layer [px], shape (2,)
     """
     close = np.zeros(visible.shape, dtype=np.bool_)
     for m in range(visible.shape[0]):

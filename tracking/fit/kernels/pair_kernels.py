@@ -1,7 +1,8 @@
 """Compiled fit of pairs of overlapping markers to the image. `pair_fit.py` documents the use.
 
-Free, for both layers: centre (x, y), logarithmic size e and the strain (p, q) that turns the shape
-S into eᵉ·[[1+p, q], [q, 1−p]]·S; and the light. The model is in `pixel_kernels`.
+Fitted parameters of each layer's marker are its centre (x, y) [px], its logarithmic size e over the
+nominal one and its strain (p, q): the nominal shape S becomes eᵉ·[[1+p, q], [q, 1−p]]·S. The light
+is fitted too. The model is in `pixel_kernels`.
 """
 
 import math
@@ -41,13 +42,13 @@ from .pixel_kernels import (
 from .shade_kernels import shade
 from .template_kernels import UNKNOWNS, keep_template
 
-#: Strains of a marker, and logarithms of its size, are below this.
+#: Upper bound of a marker's strains and logarithmic size.
 MAX_STRAIN = 0.5
 #: Longest motion in one step [px].
 _LONGEST_STEP = 2.0
-#: Largest strain in one step.
+#: Largest change of strain or logarithmic size in one step.
 _LONGEST_STRAIN = 0.1
-#: Step of an edge that a relative change of the light counts as [px].
+#: Motion of an edge that a relative change of the light by 1 counts as, for convergence [px].
 _LIGHT_STEP = 8.0
 
 
@@ -74,18 +75,18 @@ def converge(
     pool: Any,
     buffer: Array32,
 ) -> None:
-    """Steps of the wanted pairs, in place, under light whose slope is read off the neighbours.
+    """Step the wanted pairs in place until they converge; slopes of the light are the neighbours'.
 
     Parameters
     ----------
-    around: see Around
-    wanted: pairs, shape (M,)
-    most: steps, at most
-    arrived: a pair whose step moves no edge by more than this has converged [px]
-    sloped: a slope of the light that changed by more than this takes another step [1/px]
-    moved: result, last step of each pair [px], shape (M,)
+    around: neighbours of each pair, see `Around`
+    wanted: pairs to fit, shape (M,)
+    most: largest number of steps
+    arrived: largest motion of an edge in the step of a converged pair [px]
+    sloped: change of the light's slope above which another step is made [1/px]
+    moved: result: last step of each pair [px], shape (M,)
 
-    The others are as in `fit_step`.
+    Other parameters are as in `fit_step`.
     """
     active, even = wanted.copy(), np.zeros(len(wanted), dtype=np.bool_)
     seen = np.empty((len(wanted), 2))
@@ -133,29 +134,29 @@ def fit_step(
     pool: Any,
     buffer: Array32,
 ) -> None:
-    """One Gauss–Newton step on every active pair, in place.
+    """Make one Gauss–Newton step on every active one of M pairs, in place.
 
     Parameters
     ----------
-    image: sRGB, shape (H, W, 3)
-    optics: see Optics
-    extents: see `extents_of`, shape (M, 2)
+    image: sRGB image, shape (H, W, 3)
+    optics: constants of the pixel model
+    extents: extents of the markers, see `extents_of`, shape (M, 2)
     active: pairs to step, shape (M,)
-    present: layers that the model has, shape (M, 2)
+    present: whether the model has each layer's marker, shape (M, 2)
     uneven: pairs whose light is fitted to second order; others keep their slopes, shape (M,)
     beside: pairs whose edges share light with those of other pairs, see `shade`, shape (M,)
-    kept: pairs whose template is made anew from the model before the step, shape (M,)
-    free: numbers of each layer that are fitted, 5 or the first 2
+    kept: pairs whose template is replaced, by the model before the step, shape (M,)
+    free: number of fitted parameters per marker, 5 or the first 2
     stride: every `stride`-th row of the image is read
     fits: (x, y, e, p, q) of each layer, shape (M, 2, 5)
-    gains: light over the ground's, of each channel, shape (M, 3)
+    gains: light over that of the ground, of each channel, shape (M, 3)
     slopes: terms of the light on a pair relative to its gain, see TERMS, shape (M, 5)
-    steps: result, motion of an edge in the step [px], or what the light's change counts as, (M,)
-    covariance: result, of (x, y, e) of both layers and of the logarithms of the gains before the
-        step, shape (M, 9, 9); NaN where not fitted, and of gains under uneven light
-    misfit: result, mean squared residual over noise variance before the step, shape (M,); infinite
+    steps: result: motion of an edge in the step, or its equivalent change of light [px], (M,)
+    covariance: result: covariance of (x, y, e) of both layers and of the logarithms of the gains
+        before the step, shape (M, 9, 9); NaN where not fitted, and for gains under uneven light
+    misfit: result: mean squared residual over noise variance before the step, shape (M,); infinite
         where the fit left the image or diverged
-    pool: templates, see Pool
+    pool: templates, see `Pool`
     buffer: working memory, shape (BUFFER,)
     """
     shapes, inverses = np.empty((2, 2, 2)), np.empty((2, 2, 2))
@@ -231,9 +232,9 @@ def _normal_equations(
     gradient: Array,
     cross: Array,
 ) -> None:
-    """Information on a pair and its gradient.
+    """Compute the information matrix and the gradient of a pair's parameters.
 
-    `cross` receives the information shared with the gain of each channel.
+    `cross` receives the information that they share with the gain of each channel.
     """
     for i in range(free):
         at, other = place_of(0, i, free), place_of(1, i, free)
@@ -256,10 +257,10 @@ def _normal_equations(
 
 @njit()
 def _solve(normal: Array, gradient: Array, change: Array, covariance: Array) -> bool:
-    """Solve by Cholesky, in place; False where the information is not positive definite."""
+    """Solve the normal equations in place; False if they are not positive definite."""
     size = gradient.shape[0]
     for i in range(size):
-        if not normal[i, i] > 0.0:  # a layer that is not there
+        if not normal[i, i] > 0.0:  # a missing layer
             normal[i, i] = 1.0
     if not factorise(normal, size):
         return False
@@ -279,7 +280,7 @@ def _solve(normal: Array, gradient: Array, change: Array, covariance: Array) -> 
 
 @njit()
 def _cover(factor: Array, covariance: Array) -> None:
-    """Covariance of (x, y, e) of both layers; of (x, y) alone where only they are free."""
+    """Compute the covariance of (x, y, e) of both layers; of (x, y) if only these are fitted."""
     sized = factor.shape[0] == 10
     corner, half = np.empty((6, 6)), np.empty((6, 6))
     invert_corner(factor, 4 if sized else 0, half, corner)
@@ -295,7 +296,7 @@ def _cover(factor: Array, covariance: Array) -> None:
 def _improve(
     fit: Array, shapes: Array, present: NDArray[np.bool_], change: Array, free: int
 ) -> float:
-    """Add a step, shortened to the linear range; returns the largest motion of an edge [px]."""
+    """Add a step, limited to the linear range; return the largest motion of an edge [px]."""
     longest = 0.0
     for k in range(2):
         if not present[k]:
@@ -318,6 +319,7 @@ def _improve(
 
 @njit()
 def _plausible(fit: Array) -> bool:
+    """Whether sizes and strains of both layers are within bounds."""
     for k in range(2):
         for i in range(2, 5):
             if not abs(fit[k, i]) < MAX_STRAIN:
@@ -327,9 +329,9 @@ def _plausible(fit: Array) -> bool:
 
 @njit()
 def mean_hues(image: NDArray[np.uint8], shapes: Array, fits: Array) -> Array:
-    """Hue [°], −180…180, of the mean colour inside each first-layer marker; NaN where it is lost.
+    """Hue [°], −180…180, of the mean colour inside each marker of the first layer; NaN if lost.
 
-    Computed in float: 8-bit hue has steps of 2°, coarser than the noise.
+    It is computed in float: 8-bit hue has steps of 2°, larger than the noise.
     """
     height, breadth = image.shape[0], image.shape[1]
     hues = np.full(fits.shape[0], np.nan)

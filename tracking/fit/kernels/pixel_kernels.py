@@ -1,13 +1,13 @@
 """Compiled model of a pair of overlapping markers, pixel by pixel. `pair_fit.py` documents the use.
 
-Model of a pixel, in linear light: γ · ground · (1 − a₀·C₀ − a₁·C₁ + b·C₀₁), with the local gain γ,
-the share a that a dye absorbs, the share b that both together leave over, the coverage C by a
-blurred ellipse of known shape, and C₀₁ by both. Markers of other pairs that reach into the window
-darken the ground; their places are those of the last fit.
+The linear light of a pixel is γ · ground · (1 − a₀·C₀ − a₁·C₁ + b·C₀₁), with the local gain γ, the
+share a that a dye absorbs, the correction b where both dyes lie, the coverage C by a blurred
+ellipse of known shape, and C₀₁ by both. Markers of other pairs that reach into the window darken
+the ground; their positions are those of the last fit.
 
-The pixels of a pair are gathered into rows of one flat buffer. The compiler knows the distances of
-the rows, so that the model is computed for many pixels at a time. The equations are then products
-of rows.
+The pixels of a pair are gathered into rows of one flat buffer. The rows' offsets are known at
+compile time, so that the model is computed for many pixels at a time. The normal equations are then
+products of rows.
 """
 
 import math
@@ -23,11 +23,13 @@ from .lanes import sum_of_products
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
 
-#: Pixels that determine a pair, at least.
+#: Smallest number of pixels that determine a pair.
 FEWEST_PIXELS = 24
-#: Pixels of a pair, at most; more are thinned out. Not a power of two: rows must not share cache.
+#: Length of a row: largest number of pixels of a pair; more are thinned out. It is no power of two,
+#: so that rows do not compete for the same cache lines.
 ROOM = 2256
-#: First row of the buffer for the places of the pixels along x …
+# Rows of the buffer: "of each channel" or "layer" means that many rows from this one on.
+#: First row of the buffer for the coordinates of the pixels along x …
 X = 0
 #: … along y …
 Y = 1
@@ -39,11 +41,11 @@ WEIGHT = 5
 GROUND = 8
 #: … the coverage, by each layer …
 COVERED = 11
-#: … the derivatives of the coverage by the five numbers of each layer …
+#: … the derivatives of the coverage with respect to the five parameters of each layer …
 CHANGE = 13
-#: … the information on the coverage by the first layer, by the second, and on both together …
+#: … the information on the coverage by the first layer, by the second, and shared by both …
 TELLS = 23
-#: … the gradient by the coverage, of each layer …
+#: … the gradient with respect to the coverage, of each layer …
 PULL = 26
 #: … the information that the coverage of each layer shares with the gain of each channel …
 GAIN = 28
@@ -55,27 +57,28 @@ TERM = 37
 LIGHT = 42
 #: … and of all channels …
 ALL_LIGHT = 45
-#: … the gradient by the light of all channels …
+#: … the gradient with respect to the light of all channels …
 LACK = 46
 #: … the information that the light shares with the coverage, of each layer …
 SHARED = 47
 #: … the coverage by both layers …
 BOTH = 49
-#: … its derivatives by the coverage of each layer …
+#: … its derivatives with respect to the coverage by each layer …
 BY = 50
-#: … the light that pairs beside this one leave, independent of its coverage, of each channel …
+#: … the part of the light that does not depend on this pair, due to pairs next to it, of each
+#: channel …
 BESIDE = 52
-#: … the light that the model lacks, of each channel …
+#: … the residual of the light, observed minus model, of each channel …
 LEFT = 55
 #: … the level of the model's light, of each channel …
 LEVEL = 58
-#: … and whether a pixel is read.
+#: … and whether a pixel is read, 1 or 0.
 READ = 61
 #: Length of the buffer.
 BUFFER = 62 * ROOM
 #: Number of the terms of uneven light: x, y, x², xy, y².
 TERMS = 5
-#: Unit of the second powers among them [1/px].
+#: Scale of the second-order terms [1/px].
 UNIT = np.float32(1.0 / 16.0)
 
 F0 = np.float32(0.0)
@@ -90,7 +93,7 @@ _CURVE_OFFSET = np.float32(255.0 * 0.055)
 _EXPONENT = np.float32(1.0 / 2.4)
 #: Parabola near the cube root, between the roots of the toe's end and of white.
 _START = (np.float32(0.4587), np.float32(0.8765), np.float32(-0.3354))
-#: Keeps roots away from zero.
+#: Lower bound of radicands.
 TINY = np.float32(1e-12)
 
 
@@ -99,31 +102,31 @@ class Optics(NamedTuple):
 
     linear: Array32  # (3, 256) linear light of each channel's levels
     weight: Array32  # (3, 256) 1/variance of that light
-    black: Array32  # (3,) level of each channel that stands for no light
-    variance: np.float32  # of a level, by noise and rounding
-    ground: Array32  # (H, W, 3) linear light of the unmarked skin; 0 where there is none
-    absorbed: Array32  # (3, 3) a₀, a₁ and b of each channel
+    black: Array32  # (3,) black level of each channel, which means no light
+    variance: np.float32  # variance of a level, by noise and rounding
+    ground: Array32  # (H, W, 3) linear light of the unmarked skin; 0 off the skin
+    absorbed: Array32  # (3, 3) a₀, a₁ and b (rows) of each channel
     shapes: Array  # (2, M, 2, 2) semi-axes of each marker at nominal size, as columns [px]
-    neighbours: NDArray[np.int64]  # (M, K) pairs near each pair, −1 for none
+    neighbours: NDArray[np.int64]  # (M, K) indices of pairs near each pair, −1 for none
     width: float  # standard deviation of an edge [px]
-    reach: float  # pixels further than this many of those outside an edge are not read
+    reach: float  # distance outside an edge up to which pixels are read [widths]
 
 
 @njit(inline="always")
 def row_at(number: int) -> np.uint64:
-    """First place of a row; unsigned, as an index that may be negative is not vectorised."""
+    """Start of a row in the buffer; unsigned, as loops over signed indices do not vectorise."""
     return np.uint64(number * ROOM)
 
 
 @njit(inline="always")
 def middle_of(fit: Array) -> tuple[np.float32, np.float32]:
-    """Point of a pair at which the light is its gain."""
+    """Middle of a pair [px], at which the light equals the gain."""
     return np.float32(0.5 * (fit[0, 0] + fit[1, 0])), np.float32(0.5 * (fit[0, 1] + fit[1, 1]))
 
 
 @njit()
 def extents_of(optics: Any, fits: Array) -> Array:
-    """Largest distance of each marker's edge from its centre [px], about, shape (M, 2)."""
+    """Approximate largest distance of each marker's edge from its centre [px], shape (M, 2)."""
     extents, shape = np.empty((fits.shape[0], 2)), np.empty((2, 2))
     for m in range(fits.shape[0]):
         for k in range(2):
@@ -147,10 +150,10 @@ def model_pixels(
     rhs: Array,
     buffer: Array32,
 ) -> float:
-    """Fill the model's rows of the buffer; returns the sum of weighted squared residuals.
+    """Fill the model's rows of the buffer; return the sum of weighted squared residuals.
 
-    The diagonal of `lights` receives the information on each channel's gain, `rhs` the gradient by
-    it.
+    The diagonal of `lights` receives the information on each channel's gain, `rhs` the gradient
+    with respect to it.
     """
     per_range = np.float32(1.0 / (EDGE_RANGE * optics.width))
     correction = np.float32(0.5 * optics.width * optics.width)
@@ -167,7 +170,7 @@ def model_pixels(
         )
         j3, j4 = row_at(CHANGE + 5 * k + 3), row_at(CHANGE + 5 * k + 4)
         for i in range(np.uint64(count)):
-            # First order of the distance to the edge, positive inside; coverage and its slope.
+            # First-order distance to the edge, positive inside; coverage and its derivative.
             dx, dy = buffer[x + i] - cx, buffer[y + i] - cy
             qx, qy = i00 * dx + i01 * dy, i10 * dx + i11 * dy
             radius = np.sqrt(qx * qx + qy * qy + TINY)
@@ -195,7 +198,7 @@ def model_pixels(
     clear(buffer, row_at(PULL), count)
     clear(buffer, row_at(PULL + 1), count)
     _cover_both(np.float32(together), count, buffer)
-    # No loop: rows must be known at compile time, or the sums would not be vectorised.
+    # No loop: rows must be known at compile time for vectorised sums.
     a = optics.absorbed
     squares += _channel(optics, a[0, 0], a[1, 0], a[2, 0], 0, count, lights, rhs, buffer)
     squares += _channel(optics, a[0, 1], a[1, 1], a[2, 1], 1, count, lights, rhs, buffer)
@@ -205,7 +208,7 @@ def model_pixels(
 
 @njit()
 def _cover_both(odds: np.float32, count: int, buffer: Array32) -> None:
-    """Coverage by both layers, see `covered_by_both`, and its derivatives by either's."""
+    """Compute the coverage by both layers, see `covered_by_both`, and its derivatives."""
     c0, c1, both, by0, by1 = (
         row_at(COVERED),
         row_at(COVERED + 1),
@@ -227,7 +230,7 @@ def _cover_both(odds: np.float32, count: int, buffer: Array32) -> None:
 
 @njit()
 def clear(buffer: Array32, row: np.uint64, count: int) -> None:
-    """Zeros to a row."""
+    """Set a row to zeros."""
     for i in range(np.uint64(count)):
         buffer[row + i] = F0
 
@@ -244,11 +247,11 @@ def _channel(
     rhs: Array,
     buffer: Array32,
 ) -> float:
-    """Add one channel to the rows of all channels; returns its sum of squared residuals.
+    """Add one channel to the rows of all channels; return its sum of squared residuals.
 
-    Residuals are those of levels, whose noise is the same everywhere: a weight that followed the
-    noise of its own pixel would draw the fit to one side. Divided by the curve's slope they are
-    residuals of light, with the weights that belong to them.
+    Residuals are differences of levels, whose noise is uniform: weights that depend on a pixel's
+    own noise would bias the fit. Divided by the slope of the sRGB curve they are residuals of
+    light, with matching weights.
     """
     light, rest, left, weight = (
         row_at(GROUND + c),
@@ -295,10 +298,10 @@ def _channel(
 
 @njit(inline="always")
 def _encode(optics: Any, c: int, count: int, buffer: Array32) -> None:
-    """Levels of a channel's light, what is missing to those observed, and the weights of that.
+    """Compute levels of a channel's light, their residuals to the observed ones, and weights.
 
-    The exponent of sRGB is 5/12 = 1/4 + 2/12: two square roots, and a cube root of what they leave
-    by Newton's method, right to 1e-4 of a level. A table would be read once for each pixel.
+    The exponent of sRGB is 5/12 = 1/4 + 1/6: two square roots, and a further cube root by Newton's
+    method, exact to 1e-4 of a level. A table would need a memory access for each pixel.
     """
     modelled, level, left, weight = (
         row_at(MODEL + c),

@@ -7,14 +7,14 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-#: Pixels taken at a time.
+#: Number of pixels that are processed at a time.
 BLOCK = 8
-#: Sums of a run: squares, light of three channels, and of both layers the pull on the outline along
-#: x and y, by itself and times the place along x and y.
+#: Number of sums of a run: squared residuals (1), light of three channels (3), and for both layers
+#: the pull on the outline along x and y, plain and times the coordinates x and y (12).
 SUMS = 16
-#: Level of a pixel that is not read.
+#: Level that marks a pixel that is not read.
 NOT_READ = -32768
-#: Levels are kept in this share of one.
+#: Number of steps per grey level in stored levels.
 FINE = 64.0
 
 _CHANNELS = range(3)
@@ -38,14 +38,14 @@ def add_run(
 
     Parameters
     ----------
-    picture: uint8, contiguous, three channels of a pixel one after another
-    first: unsigned place of the run's first pixel in it
-    levels, tells: of templates, int16 and int8, contiguous
-    block: unsigned number of the run's first block among those of all templates
-    blocks: unsigned number of them
-    x, y: place of the first pixel from the template's middle [px], float32
-    offsets: what is added to a level for its slope by the logarithm of the light, three float32
-    sums: in place, float32, (SUMS, BLOCK)
+    picture: contiguous uint8 array, the three channels of a pixel one after another
+    first: unsigned index of the run's first pixel in it
+    levels, tells: contiguous arrays of all templates, see `Pool`
+    block: unsigned index of the run's first block among those of all templates
+    blocks: unsigned number of blocks of the run
+    x, y: position of the first pixel relative to the template's middle [px], float32
+    offsets: offset of a level in its derivative with respect to log light, by channel, float32
+    sums: sums to add to, in place, float32, shape (SUMS, BLOCK)
     """
 
     def write(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

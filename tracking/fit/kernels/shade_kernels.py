@@ -1,7 +1,7 @@
-"""Compiled shade of pairs on each other. `pair_fit.py` documents the use.
+"""Compiled shading of pairs by each other. `pair_fit.py` documents the use.
 
-Pairs that are apart darken each other's ground. Where edges of two pairs come close, the light of a
-pixel depends on the angle between these edges, see `render.coverage.beside`.
+Pairs apart from each other darken each other's ground. Where edges of two pairs come close, the
+light of a pixel depends on the angle between these edges, see `render.drawing.coverage.beside`.
 """
 
 import math
@@ -37,15 +37,16 @@ from .pixel_kernels import (
     stretch,
 )
 
-#: Shade ends this many standard deviations outside an edge.
+#: Distance outside an edge at which its shade ends [standard deviations of the edge].
 _SHADE = 2.4
-#: Keeps coverages away from zero.
+#: Lower bound of coverages in denominators.
 _LITTLE = np.float32(1e-6)
-#: Rows, which uneven light uses afterwards, of the coverages of a pair by each layer and both …
+#: First row for the coverages by a pair's layers and by both. It and the next ones are used by
+#: uneven light afterwards …
 _PAIR = TERM
-#: … of the coverage by all other pairs, and of the light that they absorb, of each channel …
+#: … for the coverage by all other pairs, and the light that they absorb, of each channel …
 _OTHERS = TERM + 3
-#: … and of the pair that covers most of a pixel, later of the odds ratio with its edges.
+#: … and for the pair that covers most of a pixel, later for the odds ratio with its edges.
 _MOST = TERM + 7
 
 
@@ -63,9 +64,9 @@ def shade(
 ) -> None:
     """Subtract from a pair's light what the markers of other pairs in its box absorb.
 
-    With `beside`, the edges of neighbours lie beside those of the pair, see
-    `render.coverage.beside`: a part of the light is absorbed independent of the pair. This needs a
-    pair near its final place. Otherwise the coverages of different pairs are independent.
+    With `beside`, edges of neighbours run side by side with those of the pair, see
+    `render.drawing.coverage.beside`: a part of their absorption adds to that of the pair. This
+    needs a pair near its final position. Otherwise the pairs' transmittances multiply.
     """
     for c in range(3):
         clear(buffer, row_at(BESIDE + c), count)
@@ -124,7 +125,7 @@ def _meet(
 def _side_by_side(
     optics: Any, present: NDArray[np.bool_], fits: Array, m: int, other: int
 ) -> np.float32:
-    """Odds ratio of the edges of two pairs, where their discs overlap most."""
+    """Odds ratio of the edges of two pairs, for those two discs that overlap most."""
     deepest, shape = -1.0, np.empty((2, 2))
     for i in range(2):
         stretch(optics.shapes[i, m], fits[m, i], shape)
@@ -147,7 +148,7 @@ def _cover_pair(
     count: int,
     buffer: Array32,
 ) -> None:
-    """Coverage of pixels by the layers of a pair and by both."""
+    """Compute the coverage of pixels by the layers of a pair and by both."""
     inverse, outlines = np.empty((2, 2)), np.empty((2, 3, 2))
     for k in range(2):
         if not present[k]:
@@ -172,7 +173,7 @@ def _cover(
     count: int,
     buffer: Array32,
 ) -> None:
-    """Coverage of a pair's pixels by another marker, to a row of the buffer."""
+    """Write the coverage of a pair's pixels by another pair's marker to a row of the buffer."""
     cx, cy = np.float32(centre[0]), np.float32(centre[1])
     per_range, correction = np.float32(1.0 / (EDGE_RANGE * width)), np.float32(0.5 * width * width)
     i00, i01 = np.float32(inverse[0, 0]), np.float32(inverse[0, 1])
@@ -191,7 +192,7 @@ def _cover(
 def _darken(
     row: np.uint64, a0: np.float32, a1: np.float32, b: np.float32, count: int, buffer: Array32
 ) -> None:
-    """Darken a row by what the dyes of a pair absorb that lies apart from this one."""
+    """Darken a row of ground light by the absorption of a pair that lies apart."""
     c0, c1, both = row_at(_PAIR), row_at(_PAIR + 1), row_at(_PAIR + 2)
     for i in range(np.uint64(count)):
         first, second, pair = buffer[c0 + i], buffer[c1 + i], buffer[both + i]
@@ -208,7 +209,7 @@ def _add(
     count: int,
     buffer: Array32,
 ) -> None:
-    """Add a pair, whose coverages are known, to the others."""
+    """Add coverage and absorption of another pair to the sums over all others."""
     absorbed, partner, odds = optics.absorbed, -1, F1
     for i in range(np.uint64(count)):
         c0, c1 = buffer[row_at(_PAIR) + i], buffer[row_at(_PAIR + 1) + i]
@@ -238,7 +239,7 @@ def _to_odds(
     count: int,
     buffer: Array32,
 ) -> None:
-    """Odds ratio of the edges of a pair and those of the one that covers most of each pixel."""
+    """Compute the odds ratio between a pair's edges and those of the main coverer of each pixel."""
     partner, odds = -1, F1
     for i in range(np.uint64(count)):
         most = int(buffer[row_at(_MOST) + i])
@@ -253,8 +254,8 @@ def _split(
 ) -> None:
     """Split the ground's light into a part that this pair may absorb, and the rest.
 
-    The light that pairs leave beside each other, see `beside`, is linearised at the pair's present
-    coverage.
+    The light that passes pairs next to each other, see `beside`, is linearised at the pair's
+    present coverage.
     """
     c0, c1, both = row_at(_PAIR), row_at(_PAIR + 1), row_at(_PAIR + 2)
     cover, taken, odds = row_at(_OTHERS), row_at(_OTHERS + 1 + channel), row_at(_MOST)
@@ -263,7 +264,7 @@ def _split(
         first, second, pair = buffer[c0 + i], buffer[c1 + i], buffer[both + i]
         own, other = max(first + second - pair, _LITTLE), max(buffer[cover + i], _LITTLE)
         now, dark = a0 * first + a1 * second - b * pair, buffer[taken + i]
-        under = dark / other  # absorbed by the others, over their coverage
+        under = dark / other  # light absorbed by the others, over their coverage
         slope = under * covered_slope(own, other, buffer[odds + i])
         shared = under * covered_by_both(own, other, buffer[odds + i]) / own
         light = buffer[ground + i]

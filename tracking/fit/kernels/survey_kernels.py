@@ -1,4 +1,4 @@
-"""Compiled judgement of a frame's fit, and what is reported of it. `looks.py` documents the use."""
+"""Compiled judgement of a frame's fit, and its reported results. `looks.py` documents the use."""
 
 import math
 
@@ -29,20 +29,20 @@ def survey(
     on_others: Mask,
     touching: Mask,
 ) -> None:
-    """Which markers a fit explains, and which of them are where they should not be.
+    """Find the markers that a fit explains, and those of them at suspicious positions.
 
     Parameters
     ----------
-    fits, rest: now and at rest, shape (M, 2, 5)
-    misfit: shape (M,)
-    present: layers that the fit has, shape (M, 2)
-    near, over: pairs next to each pair, and those that may come to lie on it, shapes (M, K)
-    limits: largest misfit of each pair that is there, shape (M,)
-    apart: largest difference of the motion of markers that are not torn off each other [px]
-    share: motion of the inner layer over that of the outer one; NaN where it is not known
-    radii: distance of markers of a layer that may be confused, and that touch [px], (2, 2)
-    visible, torn, on_others: results, shape (M, 2)
-    touching: result, pairs with a marker that touches another one, shape (M,)
+    fits, rest: parameters of the markers now and at rest, shape (M, 2, 5)
+    misfit: misfit of each pair, shape (M,)
+    present: whether the fit has each layer's marker, shape (M, 2)
+    near, over: indices of pairs next to each pair, and that may lie on it, shapes (M, K)
+    limits: misfit of each pair above which it counts as lost, shape (M,)
+    apart: largest difference between the displacements of neighbours or layers [px]
+    share: displacement of the inner layer over that of the outer one; NaN if unknown
+    radii: distances at which markers may be confused, and touch (rows), by layer [px], (2, 2)
+    visible, torn, on_others: results, see `Look`, shape (M, 2)
+    touching: result, see `Look`, shape (M,)
     """
     moved = np.empty((len(fits), 2, 2))
     for m in range(len(fits)):
@@ -74,18 +74,19 @@ def report(
     covariance: Array,
     log_size: Array,
 ) -> None:
-    """Turn a fit into what is said of the markers, with the light tied to that on the neighbours.
+    """Turn a fit into the reported values of the markers, with light tied to the neighbours'.
 
     Parameters
     ----------
     gains, rest_gains: light now and at rest, shape (M, 3)
     misfit: mean squared residual over noise variance, shape (M,)
-    visible: shape (M, 2)
-    near: neighbours, shape (M, K)
-    spread: factors of the deviations of (x, y, e) of both layers, shape (M, 6)
+    visible: whether each marker is visible, shape (M, 2)
+    near: indices of K neighbours of each pair, shape (M, K)
+    spread: factors on the standard deviations of (x, y, e) of both layers, shape (M, 6)
     doubt: variance that is added to that of e, shape (M,)
-    fits, covariance: of the fit, shapes (M, 2, 5) and (M, 9, 9), in place; NaN where not visible
-    log_size: result, logarithm of the markers' sizes over those at rest, shape (2, M)
+    fits, covariance: parameters and covariance of the fit, corrected in place, shapes (M, 2, 5) and
+        (M, 9, 9); set to NaN where not visible
+    log_size: result: logarithm of the markers' sizes over those at rest, shape (2, M)
     """
     count = len(fits)
     light, seen = np.empty((count, 3)), np.empty(count, dtype=np.bool_)
@@ -94,7 +95,7 @@ def report(
         # Where the model leaves more than noise unexplained, the fit is less certain.
         excess = max(misfit[m], 1.0) if seen[m] else 1.0
         covariance[m] *= excess
-        for c in range(3):  # a pair that is not visible may have no light at all
+        for c in range(3):  # the gain of an invisible pair may be 0
             gained = gains[m, c] / rest_gains[m, c]
             light[m, c] = math.log(gained) if gained > 0.0 else np.nan
         for k in range(2):
@@ -119,14 +120,14 @@ def report(
 def velocities(
     fits: Array, before: Array, steady: Mask, near: NDArray[np.int64], out: Array
 ) -> None:
-    """Expected change of places until the next frame: the mean over each pair and those around it.
+    """Predict the motion until the next frame: the mean motion of each pair and its neighbours.
 
     Parameters
     ----------
-    fits, before: of this frame and the one before, shape (M, 2, 5)
+    fits, before: parameters in this frame and in the previous one, shape (M, 2, 5)
     steady: markers whose motion is known, shape (M, 2)
-    near: neighbours, shape (M, K)
-    out: result, shape (M, 2, 5); 0 but for places
+    near: indices of K neighbours of each pair, shape (M, K)
+    out: result, shape (M, 2, 5); 0 except for positions
     """
     out[:] = 0.0
     for m in range(len(fits)):

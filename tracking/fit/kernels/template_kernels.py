@@ -27,51 +27,51 @@ from .run_lanes import BLOCK, FINE, NOT_READ, SUMS, add_run
 
 #: Unknowns of a pair: (x, y, e, p, q) of both layers, and the logarithms of three gains.
 UNKNOWNS = 13
-#: Offset of the sRGB curve over its slope by the logarithm of light [grey levels] …
+#: Offset of the sRGB curve, level = 255·1.055·light^(1/_POWER) − _TOE [grey levels] …
 _TOE = np.float32(255.0 * 0.055)
 #: … and its exponent.
 _POWER = 2.4
-#: Rows, which uneven light uses afterwards, of the change of level with the coverage by each layer
-#: in each channel.
+#: First row for the derivatives of the level with respect to the coverage by each layer, in each
+#: channel; uneven light uses these rows afterwards.
 _STEEP = TERM
 #: Rows of the normals of the edges of both layers.
 _NORMALS = (CHANGE, CHANGE + 1, CHANGE + 5, CHANGE + 6)
-#: A pair further than this from where its template was made is fitted without it [limits].
+#: Distance from the position of its template above which a pair is fitted without it [limits].
 _NEAR = 5.0
-#: Motion of a neighbour that a template bears, over that of the pair itself.
+#: Allowed motion of a neighbour since a template was made, over that of the pair itself.
 _STALE = 0.5
-#: A slope of the light that changed by more than this is another one [1/px].
+#: Change of the light's slope above which a template is outdated [1/px].
 SLOPED = 2e-4
-#: Pairs with a misfit this many times the typical one are fitted with uneven light.
+#: Misfit over the typical one above which a pair is fitted with uneven light.
 UNEVEN = 1.6
-#: Neighbours that are further than this from where a pair ends do not matter to it [px].
+#: Distance from a pair's last pixels above which a neighbour does not matter to it [px].
 _FAR = 1.5
 
 
 class Pool(NamedTuple):
     """Templates of M pairs; see `templates`."""
 
-    levels: NDArray[np.int16]  # (M, 3·N) expected levels, of blocks of pixels, channel by channel
-    tells: NDArray[np.int8]  # (M, 10·N) changes of level with coverage, and edges' normals
-    units: Array  # (M, 2) of those two
-    runs: NDArray[np.int32]  # (M, R, 3) row, first column and blocks of each run
-    counts: NDArray[np.int32]  # (M, 2) runs, 0 where there is no template; and pixels that are read
-    inverse: Array32  # (M, 13, 13) of the information on the unknowns
-    fits: Array  # (M, 2, 5) where it was made
-    gains: Array  # (M, 3)
-    slopes: Array  # (M, 5) of the light
-    lit: Array  # (M, 2) slope of the light by the neighbours
-    present: NDArray[np.bool_]  # (M, 2) layers that the model had
-    misfit: Array  # (M,) when it was made
-    covariance: Array  # (M, 9, 9) of (x, y, e) of both layers and of the gains' logarithms
-    seen: Array32  # (M, K, 2, 2) where neighbours were; NaN where that does not matter
+    levels: NDArray[np.int16]  # (M, 3·N) expected levels of N pixels, block by block and channel
+    tells: NDArray[np.int8]  # (M, 10·N) derivatives of levels by coverage, and edges' normals
+    units: Array  # (M, 2) units of these two
+    runs: NDArray[np.int32]  # (M, R, 3) row, first column and blocks of each of R runs
+    counts: NDArray[np.int32]  # (M, 2) numbers of runs (0: no template) and of read pixels
+    inverse: Array32  # (M, 13, 13) inverse of the information matrix of the unknowns
+    fits: Array  # (M, 2, 5) parameters at which it was made
+    gains: Array  # (M, 3) gains at which it was made
+    slopes: Array  # (M, 5) slopes of the light at which it was made
+    lit: Array  # (M, 2) slope of the light from the neighbours
+    present: NDArray[np.bool_]  # (M, 2) whether the model had each layer's marker
+    misfit: Array  # (M,) misfit when it was made
+    covariance: Array  # (M, 9, 9) covariance of (x, y, e) of both layers and log gains
+    seen: Array32  # (M, K, 2, 2) positions of relevant neighbours; NaN for others
 
 
 class Around(NamedTuple):
-    """Pairs next to each of M pairs, by which the light's slope is read."""
+    """Neighbours of each of M pairs, from which the light's slope is estimated."""
 
-    near: NDArray[np.int64]  # (M, K)
-    to_slope: Array  # (M, 2, K) see `pair_fit._slope_matrices`
+    near: NDArray[np.int64]  # (M, K) indices of the neighbours
+    to_slope: Array  # (M, 2, K) matrices of `pair_fit._slope_matrices`
 
 
 @njit()
@@ -92,11 +92,12 @@ def keep_template(
     information: Array,
     pool: Any,
 ) -> None:
-    """Make the template of a pair from its rows of the buffer; none where it has no room.
+    """Make the template of pair m from its rows of the buffer; none if it does not fit the pool.
 
     Parameters
     ----------
-    normal, cross, lights: information on markers and light as in `fit_step`, not yet solved
+    normal, cross, lights: information matrices of markers and light as in `fit_step`, not yet
+        factorised
     information: working memory, shape (2, 13, 13)
     """
     pool.counts[m, 0] = 0
@@ -122,7 +123,7 @@ def keep_template(
 
 @njit()
 def _unknown_information(normal: Array, cross: Array, lights: Array, out: Array) -> None:
-    """Information on the unknowns, in their order; 1 on what is not there."""
+    """Assemble the information matrix of the unknowns; diagonal 1 for missing ones."""
     for k in range(2):
         for i in range(5):
             for n in range(2):
@@ -141,7 +142,7 @@ def _unknown_information(normal: Array, cross: Array, lights: Array, out: Array)
 
 @njit()
 def _pack(optics: Any, m: int, blocks: int, buffer: Array32, pool: Any) -> None:
-    """Levels, their changes with coverage, and normals of the edges, as short integers."""
+    """Store levels, their derivatives by coverage, and normals of the edges as short integers."""
     size = blocks * BLOCK
     steep, normal = np.float32(1e-6), np.float32(1e-6)
     for c in range(3):
@@ -181,7 +182,7 @@ def _pack(optics: Any, m: int, blocks: int, buffer: Array32, pool: Any) -> None:
 def _note_neighbours(
     optics: Any, present: NDArray[np.bool_], fits: Array, extents: Array, m: int, seen: Array32
 ) -> None:
-    """Where the neighbours are that reach the pixels of a pair, or nearly do."""
+    """Store positions of the neighbours that reach the pixels of a pair, or nearly do."""
     reach = 2.0 * optics.reach * optics.width + _FAR
     for n, other in enumerate(optics.neighbours[m]):
         for k in range(2):
@@ -217,17 +218,18 @@ def follow(
 
     Parameters
     ----------
-    image: sRGB, shape (H, W, 3)
-    optics: see Optics
-    around: see Around
-    size: typical radius [px], by which strains count as motion
-    limit: of an edge's motion since the template was made [px]
-    pool: see Pool
-    present: layers that are looked for, shape (M, 2)
-    fits, gains, slopes: where pairs are expected, shapes (M, 2, 5), (M, 3), (M, 5); in place
-    misfit: result, mean squared residual over noise variance, shape (M,)
-    covariance: result, of (x, y, e) of both layers and the logarithms of the gains, (M, 9, 9)
-    active: result, pairs that are not at their fit yet, shape (M,)
+    image: sRGB image, shape (H, W, 3)
+    optics: constants of the pixel model
+    around: neighbours of each pair
+    size: typical radius, which converts strain to motion of an edge [px]
+    limit: largest motion of an edge since its template was made [px]
+    pool: templates
+    present: whether each layer's marker is searched, shape (M, 2)
+    fits, gains, slopes: expected state of the pairs, fitted in place, shapes (M, 2, 5), (M, 3) and
+        (M, 5)
+    misfit: result: mean squared residual over noise variance, shape (M,)
+    covariance: result: covariance of (x, y, e) of both layers and log gains, (M, 9, 9)
+    active: result: pairs that need a fit without template, shape (M,)
     """
     flat, breadth = image.reshape(-1), image.shape[1]
     levels, tells = pool.levels.reshape(-1), pool.tells.reshape(-1)
@@ -254,7 +256,7 @@ def follow(
         misfit[m] = max(squares - gained, 0.0) / max(3 * pool.counts[m, 1] - UNKNOWNS, 1)
     typical = max(1.0, _typical(misfit))
     for m in range(len(active)):
-        # A pair that no fit explains well is not fitted again for that in every frame.
+        # Do not fit a pair again in every frame if its full fit had a large misfit, too.
         if not misfit[m] < UNEVEN * max(typical, pool.misfit[m]):
             active[m] = True
     stale(optics.neighbours, around, limit, pool, fits, gains, active)
@@ -262,7 +264,7 @@ def follow(
 
 @njit()
 def _typical(misfit: Array) -> float:
-    """Median of the misfits of pairs with a fit; 1 where there are none."""
+    """Median misfit of pairs with a fit; 1 without any."""
     found = misfit[np.isfinite(misfit)]
     return float(np.median(found)) if len(found) > 0 else 1.0
 
@@ -278,7 +280,7 @@ def _add_runs(
     tells: NDArray[np.int8],
     sums: Array32,
 ) -> None:
-    """Sums over the pixels of a pair; see `add_run`."""
+    """Add up the sums over all runs of a pair; see `add_run`."""
     black, at = optics.black, pool.fits[m]
     offsets = _offset(black[0]), _offset(black[1]), _offset(black[2])
     sums[:] = F0
@@ -298,11 +300,11 @@ def _add_runs(
 def _template_step(
     m: int, size: float, pool: Any, gradient: Array32, fit: Array, gain: Array
 ) -> tuple[float, float]:
-    """Step of a pair from where its template was made.
+    """Step a pair from the state of its template.
 
     Returns
     -------
-    What the step takes off the sum of squares, and the largest motion of an edge [px].
+    Decrease of the sum of squares by the step, and largest motion of an edge [px].
     """
     gained = moved = 0.0
     for i in range(UNKNOWNS):
@@ -320,13 +322,13 @@ def _template_step(
 
 @njit()
 def _offset(black: np.float32) -> np.float32:
-    """What is added to a level for its slope by the logarithm of the light, times _POWER."""
+    """Offset c such that (level + c)/_POWER is the level's derivative with respect to log light."""
     return (np.float32(255.0) - black) * np.float32(_TOE / 255.0) - black
 
 
 @njit()
 def _gradient(optics: Any, m: int, sums: Array32, pool: Any, gradient: Array32) -> float:
-    """Gradient by the unknowns from the sums of all blocks; returns the sum of squares."""
+    """Compute the gradient by the unknowns from all sums; return the sum of squares."""
     per_variance = 1.0 / optics.variance
     for i in range(SUMS):
         o = i * BLOCK
@@ -340,7 +342,7 @@ def _gradient(optics: Any, m: int, sums: Array32, pool: Any, gradient: Array32) 
         o = 4 + 6 * k
         across, up = sums[o], sums[o + 1]
         xx, xy, yx, yy = sums[o + 2], sums[o + 3], sums[o + 4], sums[o + 5]
-        if k == 1:  # places are counted from the first layer
+        if k == 1:  # coordinates are relative to the first layer
             xx += dx * across
             xy += dy * across
             yx += dx * up
@@ -363,16 +365,16 @@ def stale(
     gains: Array,
     active: NDArray[np.bool_],
 ) -> None:
-    """Pairs whose surroundings are not as they were when the template was made.
+    """Add to `active` the pairs whose surroundings have changed since their template was made.
 
     Parameters
     ----------
-    near: pairs that may come near, shape (M, K)
-    around: see Around
-    limit: of a pair's own motion [px]
-    pool: see Pool
-    fits, gains: now
-    active: on entry pairs that do not rest on a template; those that should not are added, (M,)
+    near: indices of pairs that may come near each pair, shape (M, K)
+    around: neighbours of each pair, for the slope of the light
+    limit: largest motion of a pair itself [px]
+    pool: templates
+    fits, gains: present parameters and gains
+    active: pairs fitted without template, shape (M,); pairs are added
     """
     slopes = np.empty((len(active), 2))
     slopes_of(gains, around.near, around.to_slope, slopes)
@@ -406,18 +408,18 @@ def settle(
     extents: Array,
     fitted: NDArray[np.bool_],
 ) -> None:
-    """Note the surroundings of fitted pairs anew where a pair or one next to it is uneven.
+    """Update the surroundings in new templates of pairs with uneven light, or next to such pairs.
 
-    Such a pair is fitted under even light first: what lies around the template was seen then, and
-    is elsewhere in every frame.
+    These pairs are first fitted under even light, and the template stored the surroundings of that
+    fit, which differ from the final ones.
 
     Parameters
     ----------
-    misfit: of each pair, shape (M,)
-    extents: see `extents_of`, shape (M, 2)
+    misfit: misfit of each pair, shape (M,)
+    extents: extents of the markers, see `extents_of`, shape (M, 2)
     fitted: pairs whose templates were made in this frame, shape (M,)
 
-    The others are as in `follow`.
+    Other parameters are as in `follow`.
     """
     uneven = np.zeros(len(fitted), dtype=np.bool_)
     for m in range(len(fitted)):

@@ -14,14 +14,14 @@ Mask = NDArray[np.bool_]
 def whitened(
     shifts: Array, mean: Array, visible: Mask, largest: float, whiten: Short, out: Short
 ) -> None:
-    """Shifts less their mean over their noise, 0 where a pair is not visible.
+    """Whiten shifts minus their mean; 0 where a pair is not visible.
 
     Parameters
     ----------
-    shifts, mean: of (x, y, log size) of both layers, shape (P, 6)
-    visible: shape (P,)
-    largest: change of a log size that is read
-    whiten: shape (P, 6, 6), lower triangular
+    shifts, mean: (x, y, log size) of both layers of P pairs, shape (P, 6)
+    visible: whether each pair is visible, shape (P,)
+    largest: bound to which changes of log size are clipped
+    whiten: lower triangular whitening matrices, shape (P, 6, 6)
     out: result, shape (P, 6)
     """
     centred = np.empty(shifts.shape[1], dtype=np.float32)
@@ -40,7 +40,7 @@ def whitened(
 
 @njit()
 def left_over(white: Short, explained: Short, missed: Short, misfit: Short) -> None:
-    """What is not explained of whitened shifts, shape (P, 6), and its square of each pair, (P,)."""
+    """Compute residuals of whitened shifts, (P, 6), and each pair's sum of their squares, (P,)."""
     for p in range(len(white)):
         total = np.float32(0.0)
         for i in range(white.shape[1]):
@@ -54,15 +54,15 @@ def left_over(white: Short, explained: Short, missed: Short, misfit: Short) -> N
 def find_vague(
     covariance: Array, pairs: NDArray[np.intp], visible: Mask, sizes: Array, times: float, out: Mask
 ) -> bool:
-    """Visible pairs whose log sizes have variances of more than so many times the usual ones.
+    """Find visible pairs whose log sizes have unusually large variances.
 
     Parameters
     ----------
-    covariance: of tracks, shape (M, 6, 6)
-    pairs: numbers of those that are read, shape (P,)
-    visible: of these, shape (P,)
+    covariance: covariance of the tracks, shape (M, 6, 6)
+    pairs: indices of the P used pairs, shape (P,)
+    visible: whether these are visible, shape (P,)
     sizes: usual variances of the log sizes, shape (P, 2)
-    times: see above
+    times: factor on these above which a variance is unusual
     out: result, shape (P,)
 
     Returns

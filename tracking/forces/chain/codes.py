@@ -1,8 +1,9 @@
-"""Codes of a frame: the few numbers that the marker pairs of one specimen determine.
+"""Codes of a frame: coefficients of trained shift patterns, fitted to the pairs of one specimen.
 
-Shifts are y = m(ψ) + U(ψ)·a + noise. The codes a, and one change of all log sizes in each layer,
-are the mean of their Gaussian posterior given all pairs; a pair that contradicts the others is left
-out. The azimuth ψ of the load's plane is the one across which the least shear is left.
+Shifts are y = m(ψ) + U(ψ)·a + noise, with the mean m and the patterns U. The codes a, and a common
+change of log sizes in each layer, are the mean of their Gaussian posterior given all pairs; a pair
+that contradicts the others is left out. The azimuth ψ of the load is the one for which the least
+shear across its plane remains. Even patterns are mirror-symmetric to that plane, odd ones are not.
 """
 
 import math
@@ -30,7 +31,7 @@ from .settings import CodeSettings
 from .specimen import SIZES, Specimen, aligned
 
 Array = NDArray[np.float64]
-#: Names of the numbers that describe what the even codes leave of a frame.
+#: Names of the statistics of a frame's residual after the even codes, and of the odd codes.
 CONTEXT = (
     *(
         f"{part} residual of the {layer} {component}"
@@ -40,19 +41,19 @@ CONTEXT = (
     ),
     "motion across the load's plane",
 )
-#: Of what is multiplied in every frame: half the memory to read, and far finer than the noise.
+#: Type of arrays that every frame multiplies: half the memory, and far more precise than the noise.
 Short = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-#: Part of the noise's variance that is added before a logarithm: less says nothing.
+#: Share of the noise's variance that is added before a logarithm, as a lower bound.
 _LEAST = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 class Posterior:
-    """Covariance (U, U) of the unknowns from some pairs (P,) by some weights.
+    """Covariance (U, U) of the U unknowns from some of P pairs with given weights.
 
-    `excess` is that of the codes beyond training, shape (K, K).
+    `excess` is the covariance of the K even codes beyond that in training, shape (K, K).
     """
 
     weights: Weights
@@ -63,7 +64,7 @@ class Posterior:
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """Values for the next frame: they seldom change and take long to compute."""
+    """Values kept for the next frame, as they seldom change and take long to compute."""
 
     noise: NoiseLevel
     vague: VagueSizes | None = None
@@ -72,14 +73,14 @@ class Kept:
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """Unknowns of a frame.
+    """Fitted unknowns of a frame.
 
     Attributes
     ----------
-    pairs: that they rest on, shape (P,)
-    unknowns: shape (U,)
+    pairs: mask of the pairs used in the fit, shape (P,)
+    unknowns: codes and common changes of log size, shape (U,)
     posterior: their covariance
-    missed: shifts that they leave, over their noise, shape (P, 6)
+    missed: whitened residuals of the shifts, shape (P, 6)
     misfit: χ² of each pair, shape (P,)
     """
 
@@ -96,12 +97,12 @@ class Codes:
 
     Attributes
     ----------
-    value: of the even codes, shape (K,)
-    variance: of each, as in training, shape (K,)
-    constant_variance: share of it that is the same in every frame, shape (K,)
-    excess: covariance beyond that of training, shape (K, K)
-    context: of the residual and the odd codes, as a read-out is given it, shape (C,)
-    plane: of the load
+    value: K even codes, shape (K,)
+    variance: variance of each, as in training, shape (K,)
+    constant_variance: part of it from errors that are the same in every frame, shape (K,)
+    excess: covariance of the codes beyond that in training, shape (K, K)
+    context: C statistics of residual and odd codes, input of the read-out, shape (C,)
+    plane: plane of the load
     """
 
     value: Array
@@ -113,20 +114,20 @@ class Codes:
 
 
 def least_pairs(sensor: SensorDesign, settings: CodeSettings) -> int:
-    """Pairs that have to be visible, at least."""
+    """Smallest number of pairs that must be visible."""
     return max(settings.fewest_pairs, round(settings.least_share * len(sensor.places)))
 
 
 def fit_codes(
     specimen: Specimen, kept: Kept | None, tracks: Tracks, settings: CodeSettings
 ) -> tuple[Fit, Kept]:
-    """Unknowns of a frame, and what to keep for the next one.
+    """Fit the unknowns of a frame; also return values to keep for the next one.
 
     Parameters
     ----------
-    specimen: whose pairs were tracked
-    kept: of the frame before
-    tracks: of the frame
+    specimen: specimen whose pairs were tracked
+    kept: values kept from the previous frame
+    tracks: tracks of the frame
 
     Raises
     ------
@@ -159,7 +160,7 @@ def _fit_aligned(
     certain: Mask,
     settings: CodeSettings,
 ) -> tuple[Fit, Kept]:
-    """Unknowns of a frame for the kept azimuth, from shifts (P, 6) of the visible pairs (P,)."""
+    """Fit the unknowns for the kept azimuth to shifts (P, 6) of the visible pairs (P,)."""
     noise = kept.noise
     vague = vague_sizes(specimen, noise, kept.vague, tracks, visible, settings)
     weights = noise.weights if vague is None else vague.weights
@@ -176,7 +177,7 @@ def _fit_aligned(
 
 
 def _shear(specimen: Specimen, fit: Fit) -> tuple[Array, Array]:
-    """First harmonic of the shear along the plane and across it, weighted, each (R,) [px]."""
+    """First harmonic of the shear along and across the load's plane, weighted, each (R,) [px]."""
     codes, direction = specimen.codes, specimen.direction
     along = direction.along @ np.append(fit.unknowns[:codes], 1.0)
     return along, direction.across @ fit.unknowns[codes : -len(SIZES)]
@@ -191,12 +192,12 @@ def _turn(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> tuple[float, float
 
 
 def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel, settings: CodeSettings) -> Codes:
-    """Codes that a fit determines.
+    """Make the codes of a fit.
 
     Raises
     ------
     NoEstimateError
-        When the pairs move as no trained press moves them.
+        When the pairs move unlike in any trained press.
     """
     count = len(noise.variance)
     every = bool(fit.pairs.all())
@@ -229,7 +230,7 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel, settings: Cod
 
 
 def _turned(residual: Short, angle: float) -> Short:
-    """Residual (P, 6) in axes along and across the load: its places turned by an angle [rad]."""
+    """Rotate the positions in a residual (P, 6) by an angle [rad]."""
     if angle == 0.0:
         return residual
     turned, c, s = residual.copy(), math.cos(angle), math.sin(angle)
@@ -240,7 +241,7 @@ def _turned(residual: Short, angle: float) -> Short:
 
 
 def _share(across: Array, along: Array) -> float:
-    """Share of the first vector in the size of both; 0 where neither has any."""
+    """Share of the first vector in the norm of both; 0 if both vanish."""
     whole = float(np.linalg.norm(np.append(along, across)))
     return float(np.linalg.norm(across)) / max(whole, 1e-12)
 
@@ -256,11 +257,11 @@ class _Solver:
 
     Attributes
     ----------
-    noise: level of the frame
-    weights: of the frame's pairs
+    noise: weights at the noise level of the frame
+    weights: weights of the frame's pairs
     white: whitened shifts, 0 where a pair is not visible, shape (P, 6)
-    before: posterior of the frame before, used again where weights and pairs are the same
-    settings: tuned numbers
+    before: posterior of the previous frame, reused if weights and pairs are the same
+    settings: tuned parameters
     """
 
     noise: NoiseLevel
@@ -270,7 +271,7 @@ class _Solver:
     settings: CodeSettings
 
     def consistent(self, certain: Mask) -> Fit:
-        """Fit to those of the certain pairs that do not stray from the others."""
+        """Fit to those of the certain pairs that do not contradict the others."""
         settings, pairs, limit = self.settings, certain, self.settings.stray
         while True:
             fit = self.fit(pairs)
@@ -281,12 +282,12 @@ class _Solver:
             if not stray.any():
                 break
             pairs = pairs & ~stray
-        # Pairs that were only drawn along by a stray one come back.
+        # Use pairs again that only seemed wrong because of another one.
         likely = self.with_likely(fit, certain & ~pairs, limit)
         return fit if np.array_equal(likely, pairs) else self.fit(likely)
 
     def with_likely(self, fit: Fit, doubtful: Mask, limit: float) -> Mask:
-        """Pairs of a fit, and doubtful ones whose χ² given the fit is below a limit."""
+        """Mask of a fit's pairs, and of doubtful ones whose χ² given the fit is below a limit."""
         pairs, shrunk = fit.pairs.copy(), fit.unknowns / self.noise.unshrink
         for pair in np.flatnonzero(doubtful):
             rows = self.weights.rows[MEASURED * pair : MEASURED * (pair + 1)].astype(float)
@@ -296,7 +297,7 @@ class _Solver:
         return pairs
 
     def fit(self, pairs: Mask) -> Fit:
-        """Unknowns from these pairs."""
+        """Fit the unknowns to these pairs."""
         posterior, rows = self._posterior(pairs), self.weights.rows
         white = self.white if pairs.all() else self.white * pairs[:, None]
         moment = white.ravel() @ rows
@@ -309,12 +310,13 @@ class _Solver:
         )
 
     def _posterior(self, pairs: Mask) -> Posterior:
+        """Posterior of the unknowns from these pairs; the previous one if nothing changed."""
         weights, before = self.weights, self.before
         if before is not None and before.weights is weights and np.array_equal(before.pairs, pairs):
             return before
         covariance = weights.covariance
         if not pairs.all():
-            # The information of the lost pairs is taken back.
+            # Subtract the information of the lost pairs.
             lost = weights.rows.reshape(len(pairs), MEASURED, -1)[~pairs].astype(float)
             less = np.broadcast_to(-np.eye(MEASURED), (*lost.shape[:2], MEASURED))
             _, covariance = changed(weights, lost, less, self.settings.few)

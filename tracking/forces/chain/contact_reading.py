@@ -1,8 +1,8 @@
-"""From nodal forces in the sensor's axes to a force field along the object's normal and tangent.
+"""Conversion of nodal forces in the sensor's axes to normal force and friction on an object.
 
-The object is not known. Where it presses, the skin lies on it, sunk in by fn/k: a circle and a
-stiffness are fitted to the loaded skin, and forces are turned into that circle's normal. Turned by
-the skin's own slope instead, even exact forces on random objects give an error of µ of 0.24 RMS.
+The object is not known. Where it presses, the skin lies on it, indented by fn/k: a circle and a
+stiffness k are fitted to the loaded skin, and forces are resolved along that circle's normal. With
+the skin's own slope instead, even exact forces on random objects give an RMS error of µ of 0.24.
 """
 
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ class ForcePrior:
 
     Attributes
     ----------
-    reach_deg: forces are looked for up to this angle from the apex [°]
-    knots: places along that arc where forces are free, linear in between
+    reach_deg: angle from the apex up to which forces are possible [°]
+    knots: number of nodes of the piecewise linear force along that arc
     length: correlation length of the forces along the skin [m]
     amplitude: smallest prior standard deviation of a node's force at 251 nodes [N]
     """
@@ -35,7 +35,7 @@ class ForcePrior:
     amplitude: float = 5e-3
 
     def knot_angles(self) -> Array:
-        """Places of the knots, angle from the apex [rad], shape (knots,)."""
+        """Angles of the knots from the apex [rad], shape (knots,)."""
         reach = np.deg2rad(self.reach_deg)
         return np.linspace(-reach, reach, self.knots)
 
@@ -59,7 +59,7 @@ def force_basis(fingertip: Fingertip, prior: ForcePrior) -> tuple[Array, Array]:
 
 
 def smoothness(places: Array, length: float) -> Array:
-    """Correlation of a smooth function between places along the skin (n,) [m], shape (n, n)."""
+    """Correlation matrix of a smooth function at n places along the skin [m], shape (n, n)."""
     distance = (places[:, None] - places) / length
     correlation: Array = np.exp(-0.5 * distance**2) + 1e-6 * np.eye(len(places))
     return correlation
@@ -73,14 +73,15 @@ def read_contact(
     displacement_factor: Array,
     settings: ObjectSettings,
 ) -> ForceField:
-    """Force field of an estimate, with the covariance that the object's unknown slope adds.
+    """Make the force field of an estimate, including the uncertainty of the object's slope.
 
     Parameters
     ----------
-    fingertip: the chain
-    displacement: of the nodes relative to the rigid part [m], shape (N, 2)
-    forces: of the contact on each node in sensor axes [N], shape (N, 2)
-    force_factor, displacement_factor: common factor of their covariance, both (N, 2, R)
+    fingertip: chain
+    displacement: displacements of the nodes relative to the rigid part [m], shape (N, 2)
+    forces: contact forces on the nodes in sensor axes [N], shape (N, 2)
+    force_factor, displacement_factor: factors S of their joint covariance S·Sᵀ, both (N, 2, R)
+    settings: tuned parameters
     """
     slope, slope_factor = object_slope(
         fingertip, displacement, forces, force_factor, displacement_factor, settings
@@ -94,7 +95,7 @@ def read_contact(
     nodes, shared = len(normal), force_factor.shape[2]
     spread = np.zeros((2, nodes, slope_factor.shape[1] + 1))
     s, c = sin[:, None], cos[:, None]
-    turn = slope_factor * c**2  # rotation of the forces by a change of slope
+    turn = slope_factor * c**2  # rotation angle due to an error of the slope
     spread[0, :, :-1] = friction[:, None] * turn
     spread[1, :, :-1] = -normal[:, None] * turn
     spread[0, :, :shared] += s * force_factor[:, 0] - c * force_factor[:, 1]
@@ -121,8 +122,8 @@ def object_slope(
 ) -> tuple[Array, Array]:
     """Slope of the object at every node (N,), and a factor (N, R + 4) of its covariance.
 
-    z = a + b·x + c·(x² + z²)/2 + fn/k from the loaded skin's middle is a circle, pressed in.
-    Parameters as in `read_contact`.
+    z = a + b·x + c·(x² + z²)/2 + fn/k about the middle of the loaded skin is an indented circle.
+    Parameters are those of `read_contact`.
     """
     rest, share, threshold = _chain_at_rest(fingertip)
     position, normal = rest + displacement, -forces[:, 1]

@@ -1,10 +1,10 @@
-"""Fields over the dome: how far a code moves the markers at every place, under any azimuth of load.
+"""Fields: shift of the markers per unit of a code, at every place and for any azimuth of the load.
 
-A field is written in the polar coordinates of the image: the shift away from the image's middle,
-the shift along the circle around it, and the log size. Each is a function of θ at stations, times
-harmonics of φ − ψ, ψ the azimuth of the load. Fields that are mirror-symmetric to the load's plane
-are even: radial and size go with cos m(φ − ψ), tangential with sin m(φ − ψ). In odd ones sine and
-cosine change places: turns, and motion across the plane.
+A field is given in polar coordinates of the image: the shift away from the image's middle, the
+shift along the circle around it, and the log size. Each is a function of θ at stations, times
+harmonics of φ − ψ, with the azimuth ψ of the load. Fields that are mirror-symmetric to the load's
+plane are even: radial shift and size have cos m(φ − ψ), the tangential shift has sin m(φ − ψ). In
+odd fields sine and cosine are exchanged; they describe twist and motion across the plane.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Numbers = NDArray[np.floating]
 
-#: Places θ between which fields are straight [rad]: finer where objects touch. On the axis itself
-#: no direction is radial.
+#: Angles θ between which fields are linear [rad]: finer where objects touch. The axis is left out,
+#: as it has no radial direction.
 STATIONS = np.deg2rad(np.concatenate([np.linspace(0.1, 46.0, 41), np.linspace(48.8, 89.9, 16)]))
-#: Harmonics of φ, from the zeroth.
+#: Number of harmonics of φ, from the zeroth.
 HARMONICS = 4
-#: Azimuths by which a field is found from its values on circles.
+#: Number of azimuths on each circle from which a field is computed.
 CIRCLE = 16
-#: Layers, and components (radial, tangential, log size) of a field.
+#: Number of layers, and of components (radial, tangential, log size) of a field.
 _LAYERS = 2
 _COMPONENTS = 3
 #: Shape of one field.
@@ -31,11 +31,11 @@ FIELD = (_LAYERS, _COMPONENTS, len(STATIONS), HARMONICS)
 
 @dataclass(frozen=True, kw_only=True)
 class Azimuths:
-    """Values of K fields on the circles of P pairs, from which those of any azimuth follow.
+    """Harmonics of K fields at P pairs, from which the values for any azimuth follow.
 
     Attributes
     ----------
-    amounts: of each harmonic at each pair's θ, shape (H, 2, 3, P, K)
+    amounts: amplitude of each of H harmonics at each pair's θ, shape (H, 2, 3, P, K)
     odd: whether each field is odd, shape (K,)
     phi: azimuth of each layer's markers [rad], shape (2, P)
     """
@@ -49,7 +49,7 @@ class Azimuths:
 
         Parameters
         ----------
-        azimuth: of the load [rad]
+        azimuth: azimuth of the load [rad]
         """
         order = np.arange(HARMONICS)[:, None, None] * (self.phi - azimuth)
         cos, sin = np.cos(order).astype(np.float32), np.sin(order).astype(np.float32)
@@ -70,17 +70,17 @@ class Azimuths:
 
 
 def at_places(fields: Numbers, odd: NDArray[np.bool_], places: Array) -> Azimuths:
-    """Fields (K, 2, 3, T, H), the odd ones last, at the places (2, P, 2) of pairs."""
+    """Evaluate K fields (K, 2, 3, T, H), the odd ones last, at the places (2, P, 2) of pairs."""
     values = np.stack(
         [at_angles(fields[:, k], places[k, :, 0], axis=2) for k in range(_LAYERS)], axis=1
     )
-    # (K, 2, 3, P, H) with the fields innermost.
+    # From (K, 2, 3, P, H), move the fields to the last axis.
     amounts = np.ascontiguousarray(np.moveaxis(values, (4, 0), (0, 4)), dtype=np.float32)
     return Azimuths(amounts=amounts, odd=odd, phi=places[..., 1])
 
 
 def at_angles(values: Numbers, theta: Array, axis: int) -> Array:
-    """Values at STATIONS along an axis, straight between them, at angles θ (P,) [rad]."""
+    """Interpolate values at STATIONS along an axis linearly at angles θ (P,) [rad]."""
     index = np.clip(np.searchsorted(STATIONS, theta, side="right") - 1, 0, len(STATIONS) - 2)
     share = (theta - STATIONS[index]) / np.diff(STATIONS)[index]
     shape = [1] * values.ndim
@@ -91,13 +91,13 @@ def at_angles(values: Numbers, theta: Array, axis: int) -> Array:
 
 
 def circle_places() -> Array:
-    """Places (T·C, 2) on whose shifts `fields_on_circles` rests."""
+    """Places (T·C, 2) at which `fields_on_circles` needs shifts."""
     theta, phi = np.meshgrid(STATIONS, 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE, indexing="ij")
     return np.stack([theta.ravel(), phi.ravel()], axis=-1)
 
 
 def fields_on_circles(shifts: Array) -> tuple[Array, Array]:
-    """Even and odd part of shifts (S, T·C, 6) at `circle_places`, each (S, 2, 3, T, H)."""
+    """Even and odd fields (S, 2, 3, T, H) from shifts (S, T·C, 6) at `circle_places`."""
     phi = 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE
     values = shifts.reshape(len(shifts), len(STATIONS), CIRCLE, _LAYERS, _COMPONENTS)
     x, y, size = np.moveaxis(values, -1, 0)

@@ -1,9 +1,9 @@
-"""Force field from tracks: nodal forces with a smoothness prior, through the chain's own stiffness.
+"""Force field from tracks: nodal forces with a Gaussian-process prior, and the chain's stiffness.
 
 The unknowns are forces, not displacements: u = K(u)⁻¹·f is smooth by itself, and sums of f are well
-determined where sums of a differentiated u are not. A Gaussian-process prior on f in a compact
-zone, whose extent is chosen by its evidence, does the regularising. Solved in sensor axes; the
-result is turned into the object's normal by `contact_reading`.
+determined while sums of a differentiated u are not. The prior makes f smooth within a zone, whose
+extent is chosen by its evidence. Forces are solved for in sensor axes; `contact_reading` resolves
+them along the object's normal.
 """
 
 from dataclasses import dataclass, replace
@@ -22,22 +22,22 @@ from .settings import GaussianProcessSettings
 
 Array = NDArray[np.float64]
 
-#: Fewer visible pairs than this near the contact do not determine it.
+#: Smallest number of visible pairs near the contact.
 MIN_MARKERS = 20
 
 
 @dataclass(frozen=True, kw_only=True)
 class Posterior:
-    """Nodal forces after a pass, as unknowns of `force_basis` in the contact zone.
+    """Posterior of the U unknowns of `force_basis` in the contact zone, after a pass.
 
     Attributes
     ----------
-    information: of the unknowns, prior included, shape (U, U)
+    information: information matrix of the unknowns, including the prior, shape (U, U)
     moment: information times their mean, shape (U,)
     basis: nodal forces per unknown [N], shape (N, 2, U)
     moves: node displacements per unknown [m], shape (N, 2, U)
-    knots: places of the unknowns along x, and again along z, angle from the apex [rad], (U/2,)
-    misfit: mean square of the residuals over their noise
+    knots: angles of the unknowns from the apex, the same along x and z [rad], shape (U/2,)
+    misfit: mean squared residual over the noise variance
     """
 
     information: Array
@@ -48,18 +48,18 @@ class Posterior:
     misfit: float
 
     def solve(self) -> tuple[Array, Array, Array]:
-        """Mean of the unknowns (U,), factors (N, 2, U) of the covariance of forces and moves."""
+        """Mean of the unknowns (U,); factors (N, 2, U) of the covariance of forces and moves."""
         root = np.linalg.inv(np.linalg.cholesky(self.information)).T
         return root @ (root.T @ self.moment), self.basis @ root, self.moves @ root
 
 
 @dataclass(frozen=True, kw_only=True)
 class Linearisation:
-    """Start of a pass: a displacement, and the size of the prior on a zone.
+    """Start of a pass: a displacement, and the prior's amplitude and zone.
 
     Attributes
     ----------
-    displacement: of the nodes relative to the rigid part [m], shape (N, 2)
+    displacement: displacements of the nodes relative to the rigid part [m], shape (N, 2)
     amplitude: prior standard deviation of a node's force at 251 nodes [N]
     zone: first and last knot of the contact
     """
@@ -71,13 +71,13 @@ class Linearisation:
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """Shifts of the V visible pairs of a frame (V, 6), and what makes their errors independent.
+    """Shifts of the V visible pairs of a frame, with the matrices that whiten them.
 
     Attributes
     ----------
-    shifts: shape (V, 6)
-    whiten: shape (V, 6, 6)
-    visible: of all pairs read, shape (P,)
+    shifts: shifts (x, y, log size) of both layers, shape (V, 6)
+    whiten: whitening matrices, shape (V, 6, 6)
+    visible: mask of these among all used pairs, shape (P,)
     """
 
     shifts: Array
@@ -90,10 +90,10 @@ class GaussianProcess:
 
     Parameters
     ----------
-    calibration: of the sensor
+    calibration: calibration of the sensor
     rest: tracks of the unloaded sensor
-    prior: see ForcePrior
-    settings: tuned numbers
+    prior: prior of the contact forces
+    settings: tuned parameters
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class GaussianProcess:
             amplitude=10 * self._prior.amplitude,
             zone=(middle - 4, middle + 4),
         )
-        #: Solution of the frame before; None where it had none.
+        #: Solution of the previous frame; None if it had none.
         self._last: Linearisation | None = None
 
     def reset(self) -> None:
@@ -130,14 +130,14 @@ class GaussianProcess:
         self._last = None
 
     def update(self, tracks: Tracks) -> ForceField:
-        """Force field of a frame.
+        """Estimate the force field of a frame.
 
         Raises
         ------
         NoEstimateError
             When fewer than MIN_MARKERS pairs are visible.
         NoEstimateError
-            When no solution explains the markers, not even one sought from rest.
+            When no solution explains the markers, not even one from rest.
         """
         settings = self._settings
         shifts, visible = self._shifts(tracks, MIN_MARKERS)
@@ -170,7 +170,7 @@ class GaussianProcess:
         heats: tuple[float, ...],
         share: float,
     ) -> tuple[Linearisation, Posterior] | None:
-        """Solution after passes with the noise overstated by `heats`; None where none fits."""
+        """Solve in passes with the noise increased by factors `heats`; None if none fits."""
         settings = self._settings
         here = start
         shares = [share] * len(heats) + [0.5 * share] * settings.more
@@ -192,7 +192,7 @@ class GaussianProcess:
     def _pass(
         self, here: Linearisation, observation: Observation, heat: float
     ) -> tuple[Linearisation, Posterior, Array]:
-        """Zone and amplitude by the evidence here, the posterior, and the step to its mean [m]."""
+        """Choose zone and amplitude by evidence; also return posterior and step to its mean [m]."""
         visible, whiten = observation.visible, observation.whiten / heat
         carried = chain_forces(self._fingertip, here.displacement)
         loads = np.concatenate([carried[:, :, None], self._hats], axis=2)
@@ -225,7 +225,7 @@ class GaussianProcess:
     def _best_zone(
         self, zone: tuple[int, int], information: Array, moment: Array, prior: Array
     ) -> tuple[int, int]:
-        """Contact zone with the highest evidence near the last one."""
+        """Find the contact zone with the highest evidence near the last one."""
         knots = self._prior.knots
         evidence: dict[tuple[int, int], float] = {}
 
@@ -249,11 +249,12 @@ class GaussianProcess:
         return zone
 
     def _unknowns(self, zone: tuple[int, int]) -> NDArray[np.intp]:
+        """Indices of a zone's unknowns, along x and then along z."""
         span = np.arange(zone[0], zone[1] + 1)
         return np.concatenate([span, self._prior.knots + span])
 
     def _field(self, displacement: Array, posterior: Posterior) -> ForceField:
-        """Mean and covariance of the forces, turned into the object's normal."""
+        """Force field of the posterior, resolved along the object's normal."""
         mean, forces, moves = posterior.solve()
         return read_contact(
             self._fingertip, displacement, posterior.basis @ mean, forces, moves,

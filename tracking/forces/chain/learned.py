@@ -1,4 +1,4 @@
-"""Reconstructor with a trained read-out: of each frame by itself, or over time."""
+"""Reconstructors with a trained read-out, from single frames or averaged over time."""
 
 import math
 from copy import copy
@@ -21,37 +21,36 @@ from .settings import LearnedSettings
 from .specimen import read_specimen
 
 Array = NDArray[np.float64]
-#: In single or double precision.
+#: Array in single or double precision.
 Numbers = NDArray[np.floating]
 
-#: Variances of a code's change over a frame that are weighed against each other, in units of its
-#: usual variance.
+#: Candidate variances of a code's change per frame, in units of its usual variance.
 _ACTIVITIES = np.concatenate([[0.0], np.logspace(-9.0, 0.0, 19)])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Average:
-    """Codes averaged over the frames for as long as the skin holds still.
+    """Average of the codes over frames in which the skin does not move.
 
     Attributes
     ----------
-    codes: shape (K,)
-    variance: of each, without the errors that are the same in every frame, shape (K,)
+    codes: averaged codes, shape (K,)
+    variance: variance of each, without errors that are the same in every frame, shape (K,)
     """
 
     codes: Array
     variance: Array
 
     def after(self, codes: Codes, rates: Array) -> "Average":
-        """Average with the codes of the next frame, by a Kalman filter of each code.
+        """Update the average by the codes of the next frame, with a Kalman filter for each code.
 
-        How much the codes change from frame to frame is the likeliest of _ACTIVITIES, which shows
-        in codes that noise hardly reaches; the others are averaged accordingly.
+        The change of the codes per frame is the most likely one of _ACTIVITIES. Codes with little
+        noise determine it, and the others are averaged accordingly.
 
         Parameters
         ----------
-        codes: of the frame
-        rates: how fast codes change, relative to each other, shape (K,)
+        codes: codes of the frame
+        rates: relative rates of change of the codes, shape (K,)
         """
         noise, change = codes.variance - codes.constant_variance, codes.value - self.codes
         expected = self.variance + noise + np.outer(_ACTIVITIES, rates)
@@ -63,7 +62,7 @@ class Average:
 
 @dataclass(frozen=True, kw_only=True)
 class Memory:
-    """State from frame to frame: values that `fit_codes` keeps, and the average of codes."""
+    """State between frames: values kept by `fit_codes`, and the average of codes."""
 
     kept: Kept | None = None
     average: Average | None = None
@@ -77,8 +76,8 @@ class Totals:
     ----------
     normal: ΣFn [N]
     friction: signed ΣFf [N]
-    mu: µ
-    covariance: of (ΣFn, |ΣFf|, µ), shape (3, 3)
+    mu: friction coefficient µ
+    covariance: covariance of (ΣFn, |ΣFf|, µ), shape (3, 3)
     margin_deviation: standard deviation of Γ
     """
 
@@ -90,14 +89,14 @@ class Totals:
 
 
 class Learned:
-    """Reads ΣFn, ΣFf and µ, and a field of forces that goes with them.
+    """Estimates ΣFn, ΣFf, µ and a matching force field by a trained read-out.
 
     Parameters
     ----------
-    calibration: of the sensor, with a read-out
+    calibration: calibration of the sensor, with a read-out
     rest: tracks of the unloaded sensor
-    averaged: read codes that are averaged while the skin holds still, not those of single frames
-    settings: tuned numbers
+    averaged: whether to average codes while the skin does not move, else use single frames
+    settings: tuned parameters
     """
 
     def __init__(
@@ -127,22 +126,22 @@ class Learned:
         self._memory = Memory()
 
     def __deepcopy__(self, memo: dict[int, object]) -> Self:
-        """Copy that goes on by itself: nothing in it is changed in place."""
+        """Independent copy; it is shallow, as nothing is changed in place."""
         return copy(self)
 
     def reset(self) -> None:
-        """Forget the frames before; weights are kept, which follow the noise."""
+        """Forget previous frames, except for weights, which depend only on the noise."""
         self._memory = replace(self._memory, average=None)
 
     def update(self, tracks: Tracks) -> ForceField:
-        """Force field of a frame, or at its time from it and those before.
+        """Estimate the force field of a frame, from it alone or with previous ones.
 
         Raises
         ------
         NoEstimateError
             When too few pairs of the design are visible.
         NoEstimateError
-            When no trained press explains them, or many do.
+            When no trained press explains them, or ΣFn is not determined.
         """
         settings = self._settings
         before = self._memory
@@ -165,11 +164,11 @@ class Learned:
             variance = average.variance + codes.constant_variance
             codes = replace(codes, value=average.codes, variance=variance)
         _check_trained(self._readout, codes, settings.slack)
-        # Noise matters in the weak codes, which are the last.
+        # Noise matters in the weak codes, which come last.
         weak = codes.variance[len(codes.variance) // 2 :]
         level = math.exp(0.5 * float(np.log(weak).mean()))
         x = self._readout.inputs(codes.value, level, codes.context)
-        # Forces are those of the fingertip trained on, stiffer or softer in all its springs.
+        # Forces scale with the stiffness relative to the fingertip used in training.
         stiffness = self._fingertip.tissue_stiffness / self._readout.tissue_stiffness
         totals = _read_totals(self._readout, codes, x, stiffness, settings)
         displacement = np.append(codes.value, 1.0).astype(np.float32) @ self._displacement
@@ -179,17 +178,17 @@ class Learned:
 
 
 def sequential(calibration: SensorCalibration, rest: Tracks) -> Learned:
-    """Reconstructor that averages codes over the frames for as long as the skin holds still."""
+    """Make a reconstructor that averages codes over frames in which the skin does not move."""
     return Learned(calibration, rest, averaged=True)
 
 
 def _check_trained(readout: ReadOut, codes: Codes, slack: float) -> None:
-    """Refuse a frame outside the training, where no network can be trusted.
+    """Refuse a frame outside the training range.
 
     Raises
     ------
     NoEstimateError
-        With the number that is too large.
+        With the value that is too large.
     """
     over = codes.context - readout.context[2]
     worst = int(over.argmax())
@@ -208,22 +207,23 @@ def _check_trained(readout: ReadOut, codes: Codes, slack: float) -> None:
 def _read_totals(
     readout: ReadOut, codes: Codes, x: Numbers, stiffness: float, settings: LearnedSettings
 ) -> Totals:
-    """Sums and µ of codes.
+    """Estimate sums and µ from codes.
 
     Parameters
     ----------
-    readout: to read with
-    codes: of the frame
+    readout: read-out
+    codes: codes of the frame
     x: input of the networks, see `network_inputs`
-    stiffness: of the fingertip over that trained on
+    stiffness: stiffness of the fingertip over that used in training
+    settings: tuned parameters
 
     Raises
     ------
     NoEstimateError
-        When they leave ΣFn open.
+        When the codes do not determine ΣFn.
     """
     short = x.astype(np.float32)
-    # What is beyond the training's noise is carried through the network's slope.
+    # Propagate noise beyond that in training through the network's derivative.
     noisier = bool(codes.excess.any())
     if noisier:
         output, by_input = linearised(readout.totals, short)
@@ -242,10 +242,10 @@ def _read_totals(
         BEND * math.sinh(min(max(float(value), -most), most)) for value in totals[:2]
     )
     mu = max(math.exp(min(float(totals[2]), 1.0)), settings.smallest_friction)
-    # To newtons, and to |ΣFf|.
+    # Convert to newtons, and to |ΣFf|.
     side = 1.0 if friction >= 0.0 else -1.0
     unit = stiffness * np.array([math.hypot(normal, BEND), side * math.hypot(friction, BEND), 0.0])
-    # An image leaves µ no less certain than it is without any.
+    # An image cannot make µ less certain than the prior.
     unit[2] = mu / math.hypot(1.0, math.sqrt(covariance[2, 2]) / readout.prior)
     covariance *= np.outer(unit, unit)
     deviation = math.sqrt(covariance[0, 0])
@@ -270,7 +270,7 @@ def _force_field(
     position: Array,
     settings: LearnedSettings,
 ) -> ForceField:
-    """Nodal forces of these sums, at deformed positions (N, 2) [m].
+    """Make a force field with these sums, at deformed positions (N, 2) [m].
 
     Nodes are in contact above a threshold (N,) [N].
     """
@@ -287,12 +287,12 @@ def _force_field(
     if touches:
         pressing *= contact * (normal / pressing[contact].sum())
         dragging = normal * drag * contact
-        # Sums are read better than shapes are.
+        # Correct the shapes to the sums, which are more precise.
         dragging += (friction - dragging.sum()) * pressing / normal
     else:
         dragging = np.zeros(len(position))
     deviation = math.sqrt(totals.covariance[2, 2])
-    # A press alone says little of µ, and that only by the law of friction trained with.
+    # A pure press hardly determines µ, and only through the friction law used in training.
     slips = touches and 1.0 - abs(friction) / (mu * normal) < OBSERVABLE_MARGIN
     return ForceField(
         position=position,

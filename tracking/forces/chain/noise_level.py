@@ -1,4 +1,4 @@
-"""Weights of the marker pairs at a frame's noise level: information of their shifts on codes."""
+"""Weights of the marker pairs at a frame's noise level: information of their shifts about codes."""
 
 from dataclasses import dataclass
 
@@ -12,24 +12,24 @@ from .settings import CodeSettings
 from .specimen import SIZES, Aligned, Specimen
 
 Array = NDArray[np.float64]
-#: Of what is multiplied in every frame: half the memory to read, and far finer than the noise.
+#: Type of arrays that every frame multiplies: half the memory, and far more precise than the noise.
 Short = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-#: Least model error of log sizes: light and lens change them by more than a calibration tells, and
-#: by other amounts where the skin has moved.
+#: Smallest model error of log sizes: light and lens change them by more than a calibration states,
+#: and differently where the skin has moved.
 _SIZE_FLOOR = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """Information of P pairs on U unknowns, in units of their noise.
+    """Information of P pairs about U unknowns.
 
     Attributes
     ----------
-    whiten: of each pair's shifts, shape (P, 6, 6)
-    rows: change of each whitened shift with the unknowns, shape (6P, U)
-    information: of all pairs and of the prior, shape (U, U)
+    whiten: whitening matrix of each pair's shifts, shape (P, 6, 6)
+    rows: derivative of each whitened shift with respect to the unknowns, shape (6P, U)
+    information: information matrix of all pairs and the prior, shape (U, U)
     covariance: its inverse, shape (U, U)
     """
 
@@ -41,7 +41,7 @@ class Weights:
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseLevel:
-    """Weights for frames of one noise level, and what follows from them where no pair is missing.
+    """Weights for frames of one noise level, and values derived from them if no pair is missing.
 
     Attributes
     ----------
@@ -49,13 +49,13 @@ class NoiseLevel:
     level: median variance of a pair's x [px²]
     sizes: variances of a pair's log sizes in a frame, shape (P, 2)
     constant: covariance of the errors that are the same in every frame, shape (P, 6, 6)
-    weights: of the pairs
-    unshrink: factor of each unknown that undoes the prior: the read-out was trained on codes with
-        noise, not on codes drawn towards their mean; shape (U,)
-    variance: of each code, shape (K,)
-    constant_variance: share of it that is the same in every frame, shape (K,)
-    excess: covariance of the codes beyond that of training, shape (K, K)
-    across_variance: of the first harmonic of the shear across the load's plane [px²]
+    weights: weights of the pairs
+    unshrink: factor on each unknown that undoes the shrinkage by the prior, shape (U,); the
+        read-out was trained on unshrunk codes
+    variance: variance of each even code, shape (K,)
+    constant_variance: part of it from errors that are the same in every frame, shape (K,)
+    excess: covariance of the codes beyond that in training, shape (K, K)
+    across_variance: variance of the first harmonic of the shear across the load's plane [px²]
     odd_unit: standard deviation of each odd code, shape (O,)
     """
 
@@ -72,7 +72,7 @@ class NoiseLevel:
     odd_unit: Array
 
     def excess_of(self, covariance: Array) -> Array:
-        """The same where the unknowns have another covariance (U, U) than by `weights`."""
+        """Compute `excess` for another covariance (U, U) of the unknowns than by `weights`."""
         if covariance is self.weights.covariance:
             return self.excess
         count = len(self.excess)
@@ -83,13 +83,13 @@ class NoiseLevel:
 
 @dataclass(frozen=True, kw_only=True)
 class VagueSizes:
-    """Weights where the log sizes of some pairs are vaguer than at the noise level.
+    """Weights of a frame in which the log sizes of V pairs have a larger variance than usual.
 
     Attributes
     ----------
-    pairs: which, shape (P,)
-    variances: of their measurements, shape (V, 6)
-    weights: of all pairs
+    pairs: mask of these pairs, shape (P,)
+    variances: variances of their measurements, shape (V, 6)
+    weights: weights of all pairs
     """
 
     pairs: Mask
@@ -98,7 +98,7 @@ class VagueSizes:
 
 
 def believed(floor: Array) -> Array:
-    """Variances of a pair's model errors (6,), in which sizes are no better than they can be."""
+    """Raise the variances of a pair's model errors (6,) of log sizes to their smallest value."""
     least = np.zeros(MEASURED)
     least[SIZES] = _SIZE_FLOOR**2
     return np.maximum(floor, least)
@@ -112,7 +112,7 @@ def noise_level(
     visible: Mask,
     settings: CodeSettings,
 ) -> NoiseLevel:
-    """Weights for frames as noisy as this one, of a load in that plane."""
+    """Compute weights for frames as noisy as this one, and a load in the given plane."""
     frame = specimen.shifts.covariance(tracks)
     # A pair that is not visible now may be visible in a later frame.
     frame[~visible] = np.median(frame[visible], axis=0)
@@ -126,12 +126,12 @@ def noise_level(
     # The prior keeps unknowns that no visible pair determines near their mean.
     information = rows.T @ rows + np.diag(1.0 / specimen.strength)
     covariance = np.asarray(np.linalg.inv(information))
-    # A code that the visible pairs hardly determine stays near its mean.
+    # Keep a code near its mean if the visible pairs hardly determine it.
     unshrink = 1.0 / np.maximum(1.0 - np.diag(covariance) / specimen.strength, settings.determined)
     codes = specimen.codes
     unshrink[-len(SIZES) :] = 1.0
     variance = (unshrink * np.diag(covariance))[:codes]
-    # Where markers were missing at rest, some directions are noisier than all were in training.
+    # If markers were missing at rest, some directions are noisier than any in training.
     typical = float(np.median(variance))
     raised = (unshrink[:, None] * covariance * unshrink)[:codes, :codes]
     spreads, directions = np.linalg.eigh(raised)
@@ -167,7 +167,7 @@ def vague_sizes(
     visible: Mask,
     settings: CodeSettings,
 ) -> VagueSizes | None:
-    """Weights of a frame in which log sizes of some pairs, which touch others, are vaguer."""
+    """Weights of a frame in which log sizes of some touching pairs have larger variances."""
     shifts, pairs = specimen.shifts, np.empty_like(visible)
     vaguer = settings.vaguer
     if not find_vague(tracks.covariance, shifts.pairs, visible, noise.sizes, vaguer, pairs):
@@ -194,13 +194,13 @@ def vague_sizes(
 
 
 def changed(weights: Weights, rows: Array, change: Array, few: float) -> tuple[Array, Array]:
-    """Information and covariance of all unknowns once V pairs say more or less of them.
+    """Update information and covariance of all unknowns for changed weights of V pairs.
 
     Parameters
     ----------
-    weights: before
-    rows: of these pairs, shape (V, 6, U)
-    change: of their inverse covariance in the units of `rows`, shape (V, 6, 6)
+    weights: weights before the change
+    rows: derivatives of these pairs' whitened shifts, shape (V, 6, U)
+    change: change of their inverse covariance in the units of `rows`, shape (V, 6, 6)
     few: number of measurements over unknowns up to which the covariance is updated
 
     Returns

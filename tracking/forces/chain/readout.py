@@ -1,10 +1,10 @@
-"""Read-outs: trained on histories of the node model, kept as data.
+"""Read-outs: networks trained on simulated histories of the node model, stored as data.
 
-The shifts of a frame's marker pairs are written as few numbers, the codes a: y = m + U·a + noise. A
-small network reads ΣFn, ΣFf and µ off the codes, their noise and what they leave of the shifts; a
-second one reads the errors of the first. It is a regression on tissue, object and history of a grip
-together, which a prior on single forces does not know. Mean and codes are fields over the dome,
-from which m and U of each specimen follow, under each azimuth of the load.
+The shifts of a frame's marker pairs are reduced to few coefficients, the codes a: y = m + U·a +
+noise. A small network estimates ΣFn, ΣFf and µ from the codes, their noise and the statistics of
+the residual; a second one estimates the errors of the first. The training covers tissue, object and
+history of a grip together, which a prior on forces does not. The mean m and the patterns U are
+fields over the dome, which are evaluated for each specimen and azimuth of the load.
 """
 
 import zipfile
@@ -21,16 +21,16 @@ from ....render import SensorDesign
 from ....strange_files import array_names, read_arrays
 
 Array = NDArray[np.float64]
-#: In single or double precision.
+#: Array in single or double precision.
 Numbers = NDArray[np.floating]
 #: Weights (I, O) and bias (O,) of each layer of a network; float32 in a read-out from a file.
 Layers = tuple[tuple[Numbers, Numbers], ...]
 
-#: ΣFn at which its scale turns from linear to logarithmic [N].
+#: ΣFn at which its scale changes from linear to logarithmic [N].
 BEND = 0.4
-#: Codes above this many of their scales are not told apart.
+#: Bound to which codes are clipped, in units of their scale.
 LARGEST_CODE = 6.0
-#: Largest change of a marker's log size that is read.
+#: Bound to which changes of a marker's log size are clipped.
 SIZE_CHANGE = 0.1
 #: Fields of a read-out that are texts.
 _TEXTS = ("design", "ranges")
@@ -40,29 +40,29 @@ _NETWORKS = ("totals", "deviations", "shapes")
 
 @dataclass(frozen=True, kw_only=True)
 class ReadOut:
-    """A trained read-out, of one kind of sensor.
+    """A trained read-out for one kind of sensor, with K even and O odd codes.
 
     Attributes
     ----------
-    tissue_stiffness: of the fingertip that it was trained on [N/m]
-    design: sensor that it was trained on
-    ranges: that the training spanned, by name
-    mean: field of the shifts, see `fields.FIELD`
-    fields: of unit codes, the odd ones last, shape (K + O, …)
-    left: variance that the codes leave at each station [px², px², 1], shape (2, 3, T)
+    tissue_stiffness: tissue stiffness of the fingertip used in training [N/m]
+    design: sensor used in training
+    ranges: ranges covered by the training, by name
+    mean: mean field of the shifts, see `fields.FIELD`
+    fields: fields of unit codes, the odd ones last, shape (K + O, …)
+    left: residual variance of the shifts at each station [px², px², 1], shape (2, 3, T)
     strength: variance of each code in units of its noise, shape (K + O,)
-    modes: displacements of the chain [m], shape (Q, N, 2)
-    amounts: of the modes with each even code and 1, shape (K + 1, Q)
-    context: mean, deviation and highest of each number that describes a frame's residual, (3, C)
+    modes: Q displacement modes of the chain [m], shape (Q, N, 2)
+    amounts: amplitudes of the modes per even code, and constant, shape (K + 1, Q)
+    context: mean, standard deviation and maximum of the C statistics of a frame, shape (3, C)
     reach: largest size of the codes, see `size_of`
-    sums: codes and 1 to ΣFn and signed ΣFf, the best linear read-out [N], shape (K + 1, 2)
-    targets: mean and unit of what the network reads, shape (2, 3)
-    totals: network of what asinh of both sums over BEND lack, and of log µ, in that unit
-    deviations: network of the logarithm of the variances of the totals and of Γ
-    shapes: network of the distributions of force
-    normal_shapes, friction_shapes: modes of those, the mean first, shape (Q + 1, N)
-    correlation: of the totals' errors, shape (3, 3)
-    prior: standard deviation of log µ before any image
+    sums: linear read-out of ΣFn and signed ΣFf from codes and 1 [N], shape (K + 1, 2)
+    targets: mean and unit of the outputs of `totals`, shape (2, 3)
+    totals: network for log µ, and for asinh(sum/BEND) of both sums minus the linear read-out
+    deviations: network for the logarithms of the variances of the totals and of Γ
+    shapes: network for the distributions of forces
+    normal_shapes, friction_shapes: modes of these distributions, mean first, shape (Q + 1, N)
+    correlation: correlation of the totals' errors, shape (3, 3)
+    prior: standard deviation of log µ without an image
     """
 
     tissue_stiffness: float
@@ -88,7 +88,7 @@ class ReadOut:
 
     @property
     def codes(self) -> int:
-        """Number of even codes, which forces are read from."""
+        """Number K of even codes, from which forces are estimated."""
         return len(self.amounts) - 1
 
     @property
@@ -98,11 +98,11 @@ class ReadOut:
 
     @cached_property
     def scale(self) -> Array:
-        """Standard deviation of each even code with unit noise, shape (K,)."""
+        """Standard deviation of each even code including unit noise, shape (K,)."""
         return np.sqrt(self.strength[: self.codes] + 1.0)
 
     def size_of(self, codes: Numbers) -> Numbers:
-        """Root mean square of even codes (…, K) over their scale: how far the skin has moved."""
+        """RMS of even codes (…, K) over their scale, a measure of the skin's motion."""
         return np.sqrt(((codes / self.scale) ** 2).mean(axis=-1))
 
     def inputs(self, codes: Array, level: float, context: Array) -> Numbers:
@@ -112,13 +112,13 @@ class ReadOut:
         ----------
         codes: even codes, shape (K,)
         level: noise of the weak codes
-        context: of the frame's residual, shape (C,)
+        context: statistics of the frame, shape (C,)
         """
         middle, spread = self.context[:2]
         return network_inputs(self.scale, self.sums, codes, level, (context - middle) / spread)
 
     def slope(self, codes: Array, by_input: Numbers) -> Array:
-        """Derivative by the codes (3, K) of the totals, where the network's by inputs is (3, I)."""
+        """Derivatives (3, K) of the totals by the codes, from those by network inputs (3, I)."""
         count = self.codes
         straight = by_input[:, :count] * (abs(codes) < LARGEST_CODE * self.scale) / self.scale
         bent = by_input[:, count : 2 * count] / (np.hypot(codes, 2.0) * bent_scale(self.scale))
@@ -130,35 +130,35 @@ class ReadOut:
 
     @cached_property
     def rates(self) -> Array:
-        """Rates of change of the even codes, relative to each other, shape (K,)."""
+        """Relative rates of change of the even codes, shape (K,)."""
         return self.strength[: self.codes] + 1.0
 
 
 def bent_scale(scale: Numbers) -> Numbers:
-    """Divisor of the second form of each code."""
+    """Scale of the asinh form of each code, see `network_inputs`."""
     return np.maximum(np.arcsinh(scale / 2.0), 1.0)
 
 
 def linear_sums(sums: Numbers, codes: Numbers) -> Numbers:
-    """Asinh over BEND of both sums by the linear read-out, of codes (…, K), shape (…, 2)."""
+    """Asinh(sum/BEND) of both sums by the linear read-out of codes (…, K), shape (…, 2)."""
     return np.arcsinh((codes @ sums[:-1] + sums[-1]) / np.asarray(BEND, dtype=codes.dtype))
 
 
 def network_inputs(
     scale: Numbers, sums: Numbers, codes: Numbers, level: Numbers | float, context: Numbers
 ) -> Numbers:
-    """Inputs of the networks (…, 2K + 2 + 1 + C).
+    """Make the inputs of the networks, shape (…, 2K + 2 + 1 + C).
 
-    Forces span three decades: each code is given in units of its scale, and again where noise is
-    linear and everything above it is logarithmic.
+    Forces span three decades: each code is given in units of its scale, and also on a scale that is
+    linear in the range of noise and logarithmic above.
 
     Parameters
     ----------
     scale: standard deviation of each code, shape (K,)
     sums: linear read-out of both sums, shape (K + 1, 2)
-    codes: shape (…, K)
+    codes: even codes, shape (…, K)
     level: noise of the weak codes, shape (…, 1) or a number
-    context: in units of its deviation, shape (…, C)
+    context: statistics of the frame in units of their standard deviation, shape (…, C)
     """
     straight = np.clip(codes / scale, -LARGEST_CODE, LARGEST_CODE)
     bent = np.arcsinh(codes / 2.0) / bent_scale(scale)
@@ -167,9 +167,9 @@ def network_inputs(
 
 
 def limited(shifts: Array) -> Array:
-    """Shifts (…, 6M) or (…, M, 6) whose changes of log size are limited.
+    """Clip the changes of log size in shifts (…, 6M) or (…, M, 6).
 
-    A disc that turns its side on a sharp object nearly vanishes: no code is worth spending on it.
+    A disc seen edge-on, on a sharp object, nearly vanishes; it must not dominate the codes.
     """
     limited = np.array(shifts, order="C")
     sizes = limited.reshape(-1, 3)[:, 2]
@@ -178,7 +178,7 @@ def limited(shifts: Array) -> Array:
 
 
 def forward(layers: Layers, x: Numbers) -> Numbers:
-    """Output of a network of rectified linear units, for inputs (…, I), in their precision."""
+    """Evaluate a ReLU network for inputs (…, I), in their precision."""
     for weights, bias in layers[:-1]:
         x = np.maximum(x @ weights + bias, 0.0)
     weights, bias = layers[-1]
@@ -186,7 +186,7 @@ def forward(layers: Layers, x: Numbers) -> Numbers:
 
 
 def linearised(layers: Layers, x: Numbers) -> tuple[Numbers, Numbers]:
-    """Output (O,) of a network at one input (I,), and its derivative by the input (O, I)."""
+    """Output (O,) of a network at one input (I,), and its Jacobian with respect to it (O, I)."""
     active = []
     for weights, bias in layers[:-1]:
         x = np.maximum(x @ weights + bias, 0.0)
@@ -220,12 +220,12 @@ def save_readout(readout: ReadOut, path: Path) -> None:
 
 @lru_cache(maxsize=4)
 def load_readout(path: Path) -> ReadOut:
-    """Read a read-out; its networks in single precision, in which they are evaluated.
+    """Load a read-out; its networks are in single precision, in which they are evaluated.
 
     Raises
     ------
     UserError
-        When the file cannot be read, or is none.
+        When the file cannot be read, or is not a read-out.
     """
     if path.is_file() and not zipfile.is_zipfile(path):
         raise UserError(f"{path} is not a trained read-out")
@@ -248,7 +248,7 @@ def load_readout(path: Path) -> ReadOut:
 
 
 def _network(stored: dict[str, Numbers], name: str) -> Layers:
-    """Layers of a network, taken out of the arrays of a file."""
+    """Remove the layers of a network from the arrays of a file, and return them."""
     count = sum(key.startswith(f"{name}_") for key in stored) // 2
     return tuple(
         (

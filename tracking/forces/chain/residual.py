@@ -1,8 +1,8 @@
-"""What the codes leave of a frame's shifts: the statistics by which an unknown motion is noticed.
+"""Statistics of the residual of a frame's shifts after the codes, which reveal unknown motions.
 
-Noise is rough from pair to pair, whereas a motion that no code describes is smooth. The residual of
-each layer and component is therefore split into a smooth part, which few functions of the place
-span, and the rest.
+Noise is independent between pairs, whereas a motion that no code describes is smooth. So the
+residual of each layer and component is split into a smooth part, spanned by a few functions of the
+place, and the rest.
 """
 
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ Array = NDArray[np.float64]
 
 #: Angles from the apex at which the functions peak [°].
 _PEAKS_DEG = (0.0, 12.0, 24.0, 38.0, 55.0, 75.0)
-#: Harmonics of φ, from the zeroth.
+#: Number of harmonics of φ, from the zeroth.
 _HARMONICS = 4
-#: Of each layer and component of a marker: the smooth and the rough part.
+#: Number of statistics: a smooth and a rough part for each layer and component.
 STATISTICS = 12
-#: Part of the noise's share that is added before the logarithm: less than that says nothing.
+#: Share of the noise's variance that is added before a logarithm, as a lower bound.
 _LEAST = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 class Smooth:
-    """Orthonormal functions of the places of P pairs, shape (F, P)."""
+    """F orthonormal functions at the places of P pairs, shape (F, P)."""
 
     functions: NDArray[np.float32]
 
@@ -33,8 +33,8 @@ class Smooth:
 
         Parameters
         ----------
-        residual: over its noise, 0 where a pair is not used, shape (…, P, 6)
-        used: shape (…, P)
+        residual: whitened residuals, 0 where a pair is not used, shape (…, P, 6)
+        used: whether each pair is used, shape (…, P)
         """
         smooth = self.functions @ residual
         in_smooth = (smooth**2).sum(axis=-2)
@@ -47,7 +47,7 @@ class Smooth:
 
 
 def smooth_functions(places: Array) -> Smooth:
-    """Functions for pairs at places (P, 2), see `fields`."""
+    """Make the functions for P pairs at places (P, 2), see `fields`."""
     theta, phi = places.T
     peaks = np.deg2rad(_PEAKS_DEG)
     hats = np.stack([np.interp(theta, peaks, row) for row in np.eye(len(peaks))])
@@ -55,6 +55,6 @@ def smooth_functions(places: Array) -> Smooth:
     for m in range(1, _HARMONICS):
         waves += [np.cos(m * phi), np.sin(m * phi)]
     products = np.concatenate([hats * wave for wave in waves])
-    # On the axis all azimuths are one: such products are nearly dependent.
+    # Near the axis azimuth has no meaning: there the products are nearly dependent.
     u, s, _ = np.linalg.svd(products.T, full_matrices=False)
     return Smooth(functions=u[:, s > 1e-3 * s[0]].T.astype(np.float32))

@@ -1,4 +1,4 @@
-"""Response of a sensor's markers to a motion of the chain: prediction and its exact derivative."""
+"""Response of a sensor's markers to a displacement of the chain, with its exact derivative."""
 
 from collections.abc import Iterator
 
@@ -20,13 +20,13 @@ Array = NDArray[np.float64]
 
 
 class MarkerResponse:
-    """Predicted (x, y, log size) of both layers of every marker pair of one calibrated sensor.
+    """Predicts (x, y, log size) of both layers of every marker pair of one calibrated sensor.
 
     Parameters
     ----------
-    sensor: calibration
-    places: of the markers at rest, as read off the rest frame, shape (2, M, 2)
-    nodes: of the chain, how many or where
+    sensor: calibrated design
+    places: places of the markers at rest, from the rest frame, shape (2, M, 2)
+    nodes: number of the chain's nodes, or their places
     """
 
     def __init__(self, sensor: SensorDesign, places: Array, nodes: int | Array) -> None:
@@ -45,20 +45,20 @@ class MarkerResponse:
         ]
 
     def __call__(self, displacement: Array, cases: Array) -> tuple[Array, Array]:
-        """Prediction at a displacement, and its change along several load cases.
+        """Prediction at a displacement, and its derivatives along C directions.
 
         Parameters
         ----------
-        displacement: of the nodes relative to the rigid part [m], shape (N, 2)
-        cases: directions to differentiate along [m], shape (N, 2, C)
+        displacement: displacements of the nodes relative to the rigid part [m], shape (N, 2)
+        cases: directions of the derivatives [m], shape (N, 2, C)
 
         Returns
         -------
-        prediction: [px, px, 1] per layer, shape (M, 6)
-        derivative: along each case, shape (M, 6, C)
+        prediction: (x, y, log size) of each layer [px, px, 1], shape (M, 6)
+        derivative: derivative along each direction, shape (M, 6, C)
         """
         predictions, derivatives = [], []
-        # The displacement itself rides along as the first case.
+        # Treat the displacement itself as the first direction.
         stacked = np.concatenate([displacement[:, :, None], cases], axis=2)
         for carry, rest, (along_theta, along_phi), radius, follow in self._layers:
             moved = follow * carry.displacement(stacked)
@@ -84,10 +84,10 @@ class MarkerResponse:
         return np.concatenate(predictions, axis=1), np.concatenate(derivatives, axis=1)
 
     def perspective(self, displacement: Array) -> Array:
-        """Second order of the discs' images, which `__call__` leaves out, shape (M, 6).
+        """Second-order part of the discs' images, which `__call__` leaves out, shape (M, 6).
 
-        Perspective moves the middle of a tilted disc's image off its projected centre. It changes
-        so little with the load that its derivative is neglected.
+        Perspective moves the middle of a tilted disc's image off its projected centre. It hardly
+        changes with the load, so that its derivative is neglected.
         """
         parts = []
         for (image,), (centre,), (axes,) in self._images(displacement[None]):
@@ -97,13 +97,11 @@ class MarkerResponse:
         return np.concatenate(parts, axis=1)
 
     def measured(self, displacement: Array) -> Array:
-        """Measurements in pictures [px, px, 1], second order included, shape (…, M, 6).
-
-        Log sizes are those of areas in pixels, to be compared with those at rest.
+        """Absolute measurements (x, y, log size) with second order [px, px, 1], shape (…, M, 6).
 
         Parameters
         ----------
-        displacement: of the nodes relative to the rigid part [m], shape (…, N, 2)
+        displacement: displacements of the nodes relative to the rigid part [m], shape (…, N, 2)
         """
         parts = []
         for image, _, _ in self._images(displacement.reshape(-1, *displacement.shape[-2:])):
@@ -114,10 +112,7 @@ class MarkerResponse:
         return values.reshape(*displacement.shape[:-2], *values.shape[1:])
 
     def _images(self, displacement: Array) -> Iterator[tuple[Array, Array, Array]]:
-        """Outlines (S, M, 6, 2), centres (S, M, 3), axes (S, M, 3, 2) of each layer's discs.
-
-        Of each of S displacements, shape (S, N, 2).
-        """
+        """Yield outlines (S, M, 6, 2), centres (S, M, 3) and axes (S, M, 3, 2) by layer."""
         stacked = np.moveaxis(displacement, 0, -1)
         for half, (carry, rest, tangents, metric, follow) in zip(
             self._half_sizes, self._layers, strict=True
@@ -129,12 +124,12 @@ class MarkerResponse:
             yield outlines(discs, self._view), centre, axes
 
     def _face(self, centre: Array) -> Array:
-        """J₁ × J₂ of the lens' Jacobian rows [px²/m²], shape (M, 3)."""
+        """Cross product J₁ × J₂ of the rows of the lens' Jacobian [px²/m²], shape (M, 3)."""
         jacobian = self._view.jacobian(centre)
         return np.cross(jacobian[:, 0], jacobian[:, 1])
 
     def _face_gradient(self, centre: Array, upright: Array) -> Array:
-        """Gradient of `face`·`upright` in the centre, by central differences: any lens will do."""
+        """Gradient of `_face`·`upright` by the centre; central differences suit any lens."""
         nudge = 1e-6 * np.eye(3)
         return np.stack(
             [_dot(self._face(centre + h) - self._face(centre - h), upright) / 2e-6 for h in nudge],

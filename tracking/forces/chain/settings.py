@@ -1,4 +1,4 @@
-"""Tuned numbers of the reconstructors of the chain, each with its unit and effect."""
+"""Tuned parameters of the reconstructors of the chain, each with its unit and effect."""
 
 import math
 from dataclasses import dataclass
@@ -6,24 +6,23 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class CodeSettings:
-    """Tuned numbers of the codes of a frame.
+    """Tuned parameters of the codes of a frame.
 
     Attributes
     ----------
-    least_share, fewest_pairs: share of the design's pairs, and number of pairs, below which the
-        codes are not determined
-    stray: χ² (of 6) given the others above which a pair is not where its track is
-    near_worst: share of the worst χ² below which pairs are judged again without the worst: a stray
-        pair draws the others with it
-    likely: χ² given the others below which a pair of ambiguous number is used; on folded skin the
-        right one is up to 170 off, the wrong one 50 000
-    unlike: mean χ² per measurement above which a frame is no trained press
+    least_share, fewest_pairs: smallest share of the design's pairs, and number of pairs
+    stray: χ² (6 values) given the other pairs above which a pair is mistracked
+    near_worst: share of the worst χ² below which pairs are judged again without the worst, as a
+        mistracked pair affects the others
+    likely: χ² given the other pairs below which a pair of ambiguous number is used; on folded skin
+        it is up to 170 for the right number, and 50 000 for a wrong one
+    unlike: mean χ² per measurement above which a frame is unlike any trained press
     least_turn: smallest change of the azimuth [rad]
-    certain_turn: the same in its standard deviations
+    certain_turn: smallest change of the azimuth in standard deviations
     turns: largest number of changes of the azimuth in a frame
     determined: smallest share of a code that pairs must determine for the prior to be undone
     noise_change: relative change of the noise above which weights are computed again
-    vaguer: variance of a log size over the usual one above which its pair gets weights of its own
+    vaguer: variance of a log size over the usual one above which its pair gets separate weights
     few: number of measurements over unknowns up to which a covariance is updated
     noisier: variance of a direction over the median above which it widens the interval
     """
@@ -46,19 +45,18 @@ class CodeSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class LearnedSettings:
-    """Tuned numbers of `Learned`.
+    """Tuned parameters of `Learned`.
 
     Attributes
     ----------
-    vague_share, vague: share of ΣFn, and force in addition to it [N], above which its deviation
-        leaves it unknown
-    observable: deviation of µ over that before any image, below which µ is observable
-    largest: largest asinh of |ΣFn| over BEND that is estimated, about 30 N
-    slack: logarithm by which the context of a frame may exceed that of the training
+    vague_share, vague: largest standard deviation of ΣFn: share of ΣFn, plus a force [N]
+    observable: standard deviation of µ over that of the prior, below which µ is observable
+    largest: largest estimate of asinh(|ΣFn|/BEND), about 30 N
+    slack: logarithm by which the statistics of a frame may exceed those in training
     compressed: largest factor of compression on the errors of markers, that of H.264 at crf 18
     smallest_friction: smallest estimate of µ
     no_contact: ΣFn below which there is no contact [N]
-    codes: codes of a frame
+    codes: settings of the codes
     """
 
     vague_share: float = 0.4
@@ -74,14 +72,14 @@ class LearnedSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectSettings:
-    """Tuned numbers of the object that forces are turned to.
+    """Tuned parameters of the object along whose normal forces are resolved.
 
     Attributes
     ----------
     mean: prior mean of its height [m], slope, curvature [1/m], and softness at 251 nodes [m/N]
-    deviation: prior deviations of the same: from a flat table to a pea, from steel to a ripe berry
-    roughness: deviation of the skin from the object [m]
-    common: relative error that all forces share, by knots and linearising
+    deviation: prior standard deviations of the same: flat table to pea, steel to ripe berry
+    roughness: standard deviation of the skin from the object [m]
+    common: relative error common to all forces, due to knots and linearisation
     passes: number of fits; normal forces follow from the slope, and the slope from them
     """
 
@@ -94,26 +92,26 @@ class ObjectSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class GaussianProcessSettings:
-    """Tuned numbers of `GaussianProcess`; its prior is `ForcePrior`.
+    """Tuned parameters of `GaussianProcess`; its prior is `ForcePrior`.
 
     Attributes
     ----------
-    margin: angle outside the prior's reach above which markers do not feel the contact [rad]
+    margin: angle outside the prior's reach above which markers are not used [rad]
     farthest: largest displacement of a node over the radius
     blunt: slope of the skin below which the jump in its stiffness is smoothed for Newton's method
-    zone_gain: log evidence that another zone must gain; less makes the estimate flicker
-    settled: step that ends the passes [m]
+    zone_gain: smallest gain of log evidence for another zone; less makes the estimate flicker
+    settled: step below which the passes end [m]
     unsettled: largest last step of a solution [m]
     heats: factors on the noise from pass to pass, from rest: smooth, broad forces that sharpen
         later keep the skin from folding the wrong way; a second try takes each twice
-    warm_heats: such factors from the last frame
+    warm_heats: such factors for a start from the last frame
     share, slow_share, warm_share: share of a Newton step in each pass, in the first and the second
         try from rest, and from the last frame
-    more: number of passes of half the step that follow where these do not settle
-    coarseness: motion of a marker that forces between knots cannot follow [px]; without it, places
-        that are known to 0.01 px bend the forces of sharp contacts
+    more: number of further passes with half the step if these do not settle
+    coarseness: error of a marker's motion because forces are linear between knots [px]; without it,
+        positions known to 0.01 px distort the forces of sharp contacts
     misfit: largest mean squared residual of the markers over their noise
-    contact: object that forces are turned to
+    contact: settings of the object
     """
 
     margin: float = math.radians(20.0)
@@ -135,17 +133,17 @@ class GaussianProcessSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class StiffnessSettings:
-    """Tuned numbers of `StiffnessReading`.
+    """Tuned parameters of `StiffnessReading`.
 
     Attributes
     ----------
-    least_markers: number of visible pairs below which the displacement is not determined
+    least_markers: smallest number of visible pairs
     knots: number of smooth bumps along the half circle that make up a displacement
     width: standard deviation of a bump along the skin [m]
-    amplitude: prior deviation of its amplitude [m]
-    passes: number of passes with the derivative at rest: lens and tilt make shifts nonlinear
-    step: step of the stiffness' derivative [standard deviations]
-    contact: object that forces are turned to
+    amplitude: prior standard deviation of its amplitude [m]
+    passes: number of passes with the derivative at rest, as lens and tilt make shifts nonlinear
+    step: step of the finite differences of the stiffness [standard deviations]
+    contact: settings of the object
     """
 
     least_markers: int = 40

@@ -1,4 +1,4 @@
-"""How trained codes move the marker pairs of one specimen, which sit elsewhere than designed."""
+"""Shifts of one specimen's marker pairs by trained codes, at their actual places."""
 
 from dataclasses import dataclass
 
@@ -16,25 +16,25 @@ Array = NDArray[np.float64]
 
 #: Columns of the log sizes among the measurements of a pair.
 SIZES = np.array([2, 5])
-#: Standard deviation of a change of all log sizes of a layer, by focus and blur.
+#: Standard deviation of a common change of all log sizes of a layer, by focus and blur.
 FOCUS = 0.01
-#: A twist is the mean turn of the skin up to this angle from the apex [rad].
+#: Angle from the apex up to which the rotation of the skin is averaged as twist [rad].
 _NEAR = np.deg2rad(30.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Specimen:
-    """The P marker pairs of one specimen; U unknowns: K even codes, odd codes, then the log sizes.
+    """P marker pairs of one specimen; U unknowns: K even codes, odd codes, changes of log size.
 
     Attributes
     ----------
-    shifts: reads the pairs' shifts off tracks
-    means, loadings: fields of the mean and of the codes on the pairs' circles
-    unexplained: variances that the unknowns leave, shape (P, 6)
+    shifts: method that computes the pairs' shifts from tracks
+    means, loadings: mean field and fields of the codes at the pairs
+    unexplained: residual variances, shape (P, 6)
     strength: prior variance of each unknown, shape (U,)
-    codes: number of even codes
-    smooth: functions of the residual's statistics
-    direction: by which the azimuth of a shear follows from codes
+    codes: number K of even codes
+    smooth: functions for the residual's statistics
+    direction: products that give the azimuth of a shear from codes
     """
 
     shifts: MarkerShifts
@@ -53,9 +53,9 @@ class Aligned:
 
     Attributes
     ----------
-    azimuth: of the load's plane [rad]
-    mean: of the shifts [px, px, 1], shape (P, 6)
-    loadings: change of the shifts with each unknown, shape (P, 6, U)
+    azimuth: azimuth of the load's plane [rad]
+    mean: mean of the shifts [px, px, 1], shape (P, 6)
+    loadings: change of the shifts per unknown, shape (P, 6, U)
     """
 
     azimuth: float
@@ -69,9 +69,9 @@ class Direction:
 
     Attributes
     ----------
-    along, across: factor of the first harmonic's magnitude along the plane and across it [px], of
-        codes and 1, shapes (R, K + 1) and (R, O)
-    twist: turn of the skin about the axis by each odd code [rad], shape (O,)
+    along, across: matrices from K even codes and 1, and from O odd codes, to the first harmonic of
+        the shear along and across the plane [px], shapes (R, K + 1) and (R, O)
+    twist: rotation of the skin about the axis by each odd code [rad], shape (O,)
     """
 
     along: Array
@@ -80,7 +80,7 @@ class Direction:
 
 
 def read_specimen(readout: ReadOut, shifts: MarkerShifts) -> Specimen:
-    """Specimen with the pairs of `shifts`.
+    """Make a specimen with the pairs of `shifts`.
 
     Raises
     ------
@@ -106,22 +106,22 @@ def read_specimen(readout: ReadOut, shifts: MarkerShifts) -> Specimen:
 
 
 def _gains(design: SensorDesign, sensor: SensorDesign) -> Array:
-    """Motion of each layer in the image over that of the design, to first order, (2, 1, 1, 1).
+    """Motion of each layer in the image over that in the design, to first order, (2, 1, 1, 1).
 
-    A calibration may state another `follow` and depth of a layer than the design.
+    A calibration may have another `follow` and depth of a layer than the design.
     """
     if design.shape.flat:
         return np.ones((2, 1, 1, 1))
     near, far = (one.follow / (one.shape.radius - one.depths) for one in (sensor, design))
-    # A layer that does not move at all has no other size of motion.
+    # A layer that does not move has the ratio 1.
     gains = np.divide(near, far, out=np.ones(2), where=far > 0.0)
     return gains.reshape(2, 1, 1, 1)
 
 
 def with_focus(loadings: Array) -> Array:
-    """Loadings (P, 6, U) of codes, and of a change of all log sizes of each layer, (P, 6, U + 2).
+    """Append common changes of log size of each layer to loadings (P, 6, U): (P, 6, U + 2).
 
-    A change of all sizes is the camera's, not a press.
+    Such a change is caused by the camera, not by a press.
     """
     pairs = len(loadings)
     focus = np.broadcast_to(np.eye(MEASURED)[:, SIZES], (pairs, MEASURED, len(SIZES)))
@@ -129,12 +129,12 @@ def with_focus(loadings: Array) -> Array:
 
 
 def with_focus_variances(strength: Array) -> Array:
-    """Prior variances of codes (U,), and of a change of all log sizes of each layer, (U + 2,)."""
+    """Append variances of common changes of log size to those of codes (U,): (U + 2,)."""
     return np.append(strength, [FOCUS**2] * len(SIZES))
 
 
 def aligned(specimen: Specimen, azimuth: float) -> Aligned:
-    """Mean and loadings for a load of that azimuth [rad]."""
+    """Mean and loadings of a specimen for an azimuth of the load [rad]."""
     measured = specimen.shifts.measured
     return Aligned(
         azimuth=azimuth,
@@ -144,7 +144,7 @@ def aligned(specimen: Specimen, azimuth: float) -> Aligned:
 
 
 def _direction(readout: ReadOut) -> Direction:
-    """Products of the codes that give the azimuth of a shear, and the turn of the skin."""
+    """Compute the matrices that give shear and twist from codes."""
     weight = np.sqrt(np.sin(STATIONS))
 
     def first_harmonic(fields: Array) -> Array:

@@ -1,7 +1,6 @@
-"""Force field from tracks the direct way: a smooth displacement, times the chain's stiffness.
+"""Force field from tracks, as a fitted smooth displacement times the chain's stiffness.
 
-The baseline that the others are measured against. It differentiates the displacement, which raises
-its noise.
+This is the baseline for other methods. It differentiates the displacement, which amplifies noise.
 """
 
 import numpy as np
@@ -20,13 +19,13 @@ Array = NDArray[np.float64]
 
 
 class StiffnessReading:
-    """Reads forces as K(u)·u of the smooth displacement u that fits the markers.
+    """Estimates forces as K(u)·u of the smooth displacement u that fits the markers.
 
     Parameters
     ----------
-    calibration: of the sensor
+    calibration: calibration of the sensor
     rest: tracks of the unloaded sensor
-    settings: tuned numbers
+    settings: tuned parameters
     """
 
     def __init__(
@@ -41,24 +40,24 @@ class StiffnessReading:
         self._response = MarkerResponse(self._shifts.sensor, self._shifts.places, tip.angles())
         angles, middles = tip.angles(), np.linspace(-np.pi / 2, np.pi / 2, knots)
         bumps = np.exp(-0.5 * ((angles[:, None] - middles) * tip.radius / settings.width) ** 2)
-        bumps[[0, -1]] = 0.0  # held to the rigid part
+        bumps[[0, -1]] = 0.0  # fixed to the rigid part
         self._basis = np.zeros((tip.nodes, 2, 2 * knots))
         self._basis[:, 0, :knots] = self._basis[:, 1, knots:] = bumps
         self._at_rest, self._jacobian = self._response(np.zeros((tip.nodes, 2)), self._basis)
         self._near = np.abs(angles) < np.deg2rad(ForcePrior.reach_deg)
 
     def reset(self) -> None:
-        """Nothing to forget: every frame is read by itself."""
+        """Do nothing: every frame is independent."""
 
     def update(self, tracks: Tracks) -> ForceField:
-        """Force field of a frame.
+        """Estimate the force field of a frame.
 
         Raises
         ------
         NoEstimateError
             When too few pairs are visible.
         NoEstimateError
-            When the passes run away.
+            When the passes diverge.
         """
         settings = self._settings
         shifts, visible = self._shifts(tracks, settings.least_markers)

@@ -12,10 +12,10 @@ from .readout import load_readout
 
 
 class UsedReadOut(TypedDict):
-    """Read-out of a summary.
+    """Read-out in a summary.
 
-    `file` is its name, or `shipped` or `kept`; `digest` begins its SHA-256; `histories` are those
-    that it was trained on, None where its file does not say.
+    `file` is its name, or `shipped` or `kept`. `digest` is the beginning of its SHA-256.
+    `histories` is the number of training histories, None if its file does not state it.
     """
 
     file: str
@@ -24,7 +24,7 @@ class UsedReadOut(TypedDict):
 
 
 class Used(TypedDict):
-    """Part of a summary that says what forces were read with."""
+    """Reconstructor, read-out and spread of the stiffness in a summary."""
 
     reconstructor: str
     readout: UsedReadOut | None
@@ -32,7 +32,7 @@ class Used(TypedDict):
 
 
 def used(choice: Choice, calibration: SensorCalibration) -> Used:
-    """Reconstructor that a choice stands for, its read-out, and the spread of the stiffness.
+    """Describe the reconstructor of a choice, its read-out, and the spread of the stiffness.
 
     Raises
     ------
@@ -48,19 +48,19 @@ def used(choice: Choice, calibration: SensorCalibration) -> Used:
 
 
 def readout_origin(path: Path, calibration: SensorCalibration) -> str:
-    """`shipped`, `kept`, or the name of the read-out's file."""
+    """Origin of a read-out: `shipped`, `kept`, or the name of its file."""
     if path.parent == SHIPPED:
         return "shipped"
     return "kept" if path == kept_readout(calibration.nominal) else path.name
 
 
 def readout_digest(path: Path) -> str:
-    """First digits of the SHA-256 of a read-out's file."""
+    """Beginning of the SHA-256 of a read-out's file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
 
 
 def histories_of(path: Path) -> int | None:
-    """Histories that a read-out was trained on; None where its file does not say."""
+    """Number of histories a read-out was trained on; None if its file does not state it."""
     training = load_readout(path).ranges.get("training")
     count = training.get("histories") if isinstance(training, dict) else None
     return count if isinstance(count, int) else None

@@ -1,8 +1,8 @@
-"""Force field from tracks on a dome: the contact that explains them is found by synthesis.
+"""Force field from tracks on a dome, by fitting a simulated contact to them.
 
 A yellow layer on the rigid core does not move, and one moving layer does not determine free
 tractions. It determines a contact: an object of two curvatures, its stiffness and friction, and
-the way it was pressed, shifted and turned (`contact_state`). Other frames are refused.
+the path on which it was pressed, shifted and turned (`contact_state`). Other frames are refused.
 """
 
 import math
@@ -34,9 +34,9 @@ from .untouched import untouched_field
 
 Array = NDArray[np.float64]
 
-#: Places of the log sizes of both layers among the values of a pair.
+#: Indices of the log sizes of both layers among the values of a pair.
 _SIZES = (2, 5)
-#: Why a frame is refused.
+#: Reason for which a frame is refused.
 _UNLIKE = "no contact of a smooth, convex object explains the markers"
 
 
@@ -72,9 +72,9 @@ class ContactReading:
 
     Parameters
     ----------
-    calibration: of the sensor
+    calibration: calibration of the sensor
     rest: tracks of the unloaded sensor
-    settings: tuned numbers
+    settings: tuned parameters
 
     Raises
     ------
@@ -98,7 +98,7 @@ class ContactReading:
         self._fit = ContactFit(dome, self._response, settings.fit)
         place, size = settings.place_error_px, settings.size_error
         self._error = np.diag(np.tile([place, place, size], 2) ** 2)
-        # A layer on the core stays where it is, whatever the forces are.
+        # A layer on the core does not move.
         moving = np.array(layer_depths(sensor, dome)) < (1.0 - ON_CORE) * dome.thickness
         self._moving = np.repeat(moving, 3)
         crooked = 1e-3 * sensor.defects.crookedness_mm / (2.0 * float(sensor.half_sizes.max()))
@@ -108,7 +108,7 @@ class ContactReading:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the frames before: the next one is fitted from rest."""
+        """Forget previous frames: the next one is fitted from rest."""
         settings = self._settings
         self._memory = Memory(
             rivals=Rivals.from_first(settings.starts),
@@ -117,7 +117,7 @@ class ContactReading:
         )
 
     def update(self, tracks: Tracks) -> ForceField:
-        """Force field of a frame.
+        """Estimate the force field of a frame.
 
         Raises
         ------
@@ -147,13 +147,13 @@ class ContactReading:
         return self._field(memory.last, memory.now.contact, memory.covariance)
 
     def _hidden(self, shifts: Shifts) -> float:
-        """Standard deviation of a force that noise hides [N]: that of a press just not detected."""
+        """Standard deviation of a force hidden by noise [N]: the largest undetected press."""
         force, image = self._light
         seen = float(np.linalg.norm(shifts.apply(image[shifts.used])))
         return force * math.sqrt(self._settings.explained) / max(seen, 1e-9) / Z90
 
     def _is_refused(self, shifts: Shifts) -> bool:
-        """Whether markers are where they were in a frame that no contact explained."""
+        """Whether markers have not moved since a frame that no contact explained."""
         refused = self._memory.refused
         if refused is None or (shifts.used != refused.used).any():
             return False
@@ -161,18 +161,18 @@ class ContactReading:
         return float(moved @ moved) < self._settings.same * shifts.count
 
     def _is_noise(self, solution: Solution, shifts: Shifts, nothing: float) -> bool:
-        """Whether the first frame of a contact is explained by noise almost as well.
+        """Whether noise explains the first frame of a contact almost as well.
 
         Parameters
         ----------
-        nothing: sum of squares of the shifts where nothing touches
+        nothing: cost of the shifts without contact
         """
         if len(solution.keys) > 1:
             return False
         return nothing - solution.misfit * shifts.count < self._settings.explained
 
     def _followed(self, shifts: Shifts) -> bool:
-        """Follow the contact of the frame before; refit the object where it has moved on."""
+        """Follow the contact of the previous frame; refit the object if it has moved far enough."""
         settings, memory = self._settings, self._memory
         if memory.last is None or memory.now is None:
             return False
@@ -204,7 +204,7 @@ class ContactReading:
         return self._taken(solution, start)
 
     def _refitted(self, held: Solution) -> Solution:
-        """Refit the object to the key frames of a solution; the same where none is better."""
+        """Refit the object to the key frames of a solution; return the latter if none is better."""
         doubtful = held.misfit > self._memory.doubtful
         try:
             solution = self._fit.along_chord(held, doubtful)
@@ -221,7 +221,7 @@ class ContactReading:
         return self._taken(self._better(None, start, self._settings.rounds), start)
 
     def _taken(self, solution: Solution | None, start: Start) -> bool:
-        """Go on with a solution, or with one from another object where it is doubtful."""
+        """Accept a solution, or one from another object if it is doubtful; False if none fits."""
         settings = self._settings
         if solution is None or solution.misfit > self._memory.doubtful:
             for other in other_objects(self.dome, *start, settings.starts):
@@ -239,7 +239,7 @@ class ContactReading:
         return True
 
     def _unlike(self, solution: Solution) -> bool:
-        """Whether an object is hollow, an edge, or unlike most markers near it."""
+        """Whether an object is hollow or an edge, or contradicts most markers near it."""
         settings = self._settings
         along_x, along_y, mixed = solution.object_[CURVES] * self.dome.radius
         mean, half = 0.5 * (along_x + along_y), math.hypot(0.5 * (along_x - along_y), mixed)
@@ -247,7 +247,7 @@ class ContactReading:
         doubt = self.dome.radius * math.sqrt(own)  # a light touch hardly shows a shape
         if solution.typical > self._typical or solution.typical * solution.misfit > self._both:
             return True
-        # A hollow explains a soft plane as well: only a bad fit is one.
+        # A hollow may be a soft plane: reject it only if the fit is bad.
         shaped = mean - half < settings.hollow - doubt or mean + half > settings.edge + doubt
         return shaped and solution.misfit > settings.shaped_misfit
 
@@ -258,7 +258,7 @@ class ContactReading:
         rounds: int,
         rival_of: Solution | None = None,
     ) -> Solution | None:
-        """The better of a solution and that from another start."""
+        """Fit from another start; return the better of both solutions."""
         try:
             other = self._fit.fit_keys(*start, rounds, rival_of)
         except UserError:
@@ -266,7 +266,7 @@ class ContactReading:
         return other if solution is None or other.misfit < solution.misfit else solution
 
     def _rival(self, solution: Solution, start: Start) -> Solution:
-        """The better of a solution and a rival's."""
+        """Fit from the next rival if one is due; return the better of both solutions."""
         try:
             other = self._fit.fit_keys(*start, self._settings.rival_rounds, rival_of=solution)
         except UserError:
@@ -274,14 +274,15 @@ class ContactReading:
         return other if other.misfit < solution.misfit else solution
 
     def _read(self, tracks: Tracks) -> Shifts:
+        """Shifts of a frame, with their whitening matrices."""
         settings = self._settings
         values, certain = self._shifts(tracks, settings.least_markers)
-        # Focus and light change all sizes alike, and most markers are far from the contact.
+        # Focus and light change all sizes equally; most markers are far from the contact.
         for size in _SIZES:
             values[:, size] -= np.median(values[certain, size])
         moving = np.flatnonzero(self._moving)
         noise = self._shifts.noise(tracks)[certain] + self._error
-        # Blurred, crooked markers and the linear silicone are off by a share of the motion.
+        # Imperfect markers and the linear silicone cause an error proportional to the motion.
         places = values[certain].reshape(-1, 2, 3)[:, :, :2]
         moved = np.linalg.norm(places, axis=-1).repeat(3, axis=1)
         moved[:, _SIZES] = 0.0
@@ -303,7 +304,7 @@ class ContactReading:
         deviation = math.sqrt(whole[2, 2])
         sums = sums_of(contact)
         share = sums[1] / max(mu * sums[0], 1e-12)
-        # Of (ΣFn, ΣFf), and of Γ = 1 − ΣFf/(µ·ΣFn) with all their correlations.
+        # Covariance of (ΣFn, ΣFf), and variance of Γ = 1 − ΣFf/(µ·ΣFn) with all correlations.
         scale = np.array([sums[0], 1.0])
         totals = whole[:2, :2] * np.outer(scale, scale)
         own = settings.normal_error * sums[0], settings.friction_error * sums[1]
@@ -320,7 +321,7 @@ class ContactReading:
             totals_covariance=totals,
             directions=whole_skin.normals,
         )
-        # Torsion makes the skin slip as a pull does.
+        # Torsion causes slip, too.
         slips = margin_within(field, mu) < settings.observable_margin
         reading = FrictionReading(
             value=mu,
@@ -352,16 +353,16 @@ class ContactReading:
         return np.asarray(slopes @ solution.covariance @ slopes.T)
 
     def _wrench(self, contact: PosedContact) -> Array:
-        """Force along x, y, z [N] and torque about z [N·m], shape (…, 4)."""
+        """Wrench of a contact: force along x, y, z [N] and torque about z [N·m], (…, 4)."""
         place = lattice(self.dome).points[contact.nodes] + contact.displacement
         turn = place[..., 0] * contact.forces[..., 1] - place[..., 1] * contact.forces[..., 0]
         return np.concatenate([contact.forces.sum(axis=-2), turn.sum(-1)[..., None]], axis=-1)
 
 
 def _wrench_error(field: ForceField, mu: float, settings: ContactSettings) -> Array:
-    """Covariance of the wrench by the same errors of the sums, shape (4, 4).
+    """Covariance of the wrench due to the model errors of the sums, shape (4, 4).
 
-    The error of friction may have any direction, and the largest torque of friction.
+    The error of friction may have any direction, and the largest torque that friction can hold.
     """
     assert field.directions is not None
     press = field.normal @ field.directions

@@ -14,12 +14,12 @@ Array = NDArray[np.float64]
 
 
 class ContactCost:
-    """Cost of an object (8,), and of its poses in K key frames, shape (K, 4).
+    """Cost of an object, (8,), and of its poses in K key frames, (K, 4).
 
     Parameters
     ----------
     dome: body
-    settings: tuned numbers
+    settings: tuned parameters
     """
 
     def __init__(self, dome: Dome, settings: ContactFitSettings) -> None:
@@ -29,14 +29,15 @@ class ContactCost:
         self._hollow = settings.model.hollow / dome.radius
 
     def _share(self, keys: int) -> float:
+        """Weight of each key frame: errors of the model are common to all."""
         return min(1.0, self._settings.independent_keys / keys)
 
     def of(self, losses: Sequence[float], object_: Array, poses: Array) -> float:
-        """Cost in squared deviations: residuals, and distances from the prior.
+        """Cost: residuals and distances from the prior [squared standard deviations].
 
         Parameters
         ----------
-        losses: see `Shifts.loss`, of each key frame
+        losses: loss of each key frame, see `Shifts.loss`
         """
         off = (object_ - self._prior.mean) / self._prior.deviation
         hollow = np.minimum(object_[CURVES], 0.0)[:2] / self._hollow
@@ -49,7 +50,7 @@ class ContactCost:
     def normal(
         self, explained: Sequence[Explained], object_: Array, poses: Array
     ) -> tuple[Array, Array]:
-        """Information and gradient of the object, then of each pose, over their units."""
+        """Information matrix and gradient of the object, then of each pose, in their units."""
         first = len(OBJECT)
         size = first + MOVING * len(poses)
         information, gradient = np.zeros((size, size)), np.zeros(size)

@@ -1,7 +1,7 @@
-"""Least squares on contacts: an object and its poses that explain the shifts of the markers.
+"""Least-squares fit of an object and its poses to the shifts of the markers.
 
-The object and the poses of a few key frames are fitted together, over the whole way from rest
-(`fit_keys`). Between key frames the object is held and the pose alone is followed (`follow`).
+The object and the poses of a few key frames are fitted together, over the whole path from rest
+(`fit_keys`). Between key frames the object is fixed and only the pose is fitted (`follow`).
 """
 
 import math
@@ -32,7 +32,7 @@ from .settings import ContactFitSettings
 
 Array = NDArray[np.float64]
 
-#: Places of the last pose and the object among the unknowns of several key frames.
+#: Indices of the last pose and the object among the unknowns of several key frames.
 _LAST = np.r_[-MOVING:0, 0 : len(OBJECT)]
 
 
@@ -42,8 +42,8 @@ class ContactFit:
     Parameters
     ----------
     dome: body
-    response: of its markers
-    settings: tuned numbers
+    response: response of its markers to forces
+    settings: tuned parameters
     """
 
     def __init__(
@@ -62,11 +62,11 @@ class ContactFit:
     def fit_keys(
         self, object_: Array, keys: tuple[Key, ...], rounds: int, rival_of: Solution | None = None
     ) -> Solution:
-        """Object and poses that explain key frames best, near given ones.
+        """Fit object and poses to key frames, starting from given ones.
 
         Parameters
         ----------
-        rival_of: the fit ends early where it does not promise to become better than this one
+        rival_of: solution to beat; the fit ends early if that is unlikely
 
         Raises
         ------
@@ -114,15 +114,15 @@ class ContactFit:
         return self._solution(object_, poses, explained, contacts[-1], changes, slopes)
 
     def hold(self, last: Solution, keys: tuple[Key, ...], now: Followed) -> tuple[Solution, bool]:
-        """Solution with one more key frame and the same object, and whether to refit the object.
+        """Add a key frame with the same object; also return whether to refit the object.
 
-        Poses, shifts and slopes of the other key frames stay as they are, also those after one that
-        is left out: what has been followed knows the way better than key frames do.
+        Poses, predicted shifts and derivatives of other key frames stay, even after an omitted one:
+        the contact that was followed frame by frame knows the path better than key frames do.
 
         Parameters
         ----------
-        keys: some of those of the solution, and the new one
-        now: the contact in the new one
+        keys: some of the solution's key frames, and the new one
+        now: contact in the new one
 
         Raises
         ------
@@ -143,20 +143,20 @@ class ContactFit:
         gain = float(gradient @ step)
         step = self.units * step[_LAST]
         tells = tells_more(solution, self.units, gain, step, self._settings)
-        # The object that is kept is uncertain by that step, too.
+        # The step that is not made adds to the uncertainty of the object.
         covariance = solution.covariance + np.outer(step, step)
         return replace(solution, covariance=covariance), tells
 
     def along_chord(self, held: Solution, doubtful: bool) -> Solution | None:
-        """As `fit_keys` near a solution, with its derivatives.
+        """Do `fit_keys` near a solution, with the derivatives of that solution.
 
-        None is where the object becomes another one, so that they no longer hold. The way through
-        the key frames alone is not quite the one that has been followed: where no object promises
-        to explain them better along it, the solution is returned as it is.
+        None if the object changes too much for these derivatives. The path through key frames alone
+        differs slightly from the one that was followed. If no object along it promises a better
+        fit, the solution is returned unchanged.
 
         Parameters
         ----------
-        doubtful: whether the solution explains so little that anything is tried
+        doubtful: whether the misfit is so large that anything is tried
 
         Raises
         ------
@@ -219,7 +219,7 @@ class ContactFit:
         )
 
     def last_of(self, solution: Solution) -> Followed:
-        """The last key frame of a solution, from which the next frame is followed."""
+        """Contact in the last key frame of a solution, from which the next frame is followed."""
         return Followed(
             contact=solution.contact,
             pose=solution.keys[-1].pose,
@@ -228,9 +228,9 @@ class ContactFit:
         )
 
     def follow(self, object_: Array, last: Followed, shifts: Shifts) -> tuple[Followed, float]:
-        """Contact and pose in the next frame, with the object held, and the misfit.
+        """Fit the pose in the next frame with a fixed object; return the contact and its misfit.
 
-        Slopes of a frame before serve for as long as they lead fast to the pose.
+        Derivatives of an earlier frame are used as long as they converge fast.
 
         Raises
         ------
@@ -265,13 +265,14 @@ class ContactFit:
     def _pose_step(
         self, last: Array, pose: Array, shifts: Shifts, whole: Array, seen: Array
     ) -> tuple[Array, float]:
-        """Step of a pose over its units, and what it should gain in squared deviations.
+        """Step of a pose in its units, and its expected gain [squared standard deviations].
 
         Parameters
         ----------
-        last: pose in the frame before
-        pose: that shows the shifts `seen`
-        whole: slopes of the used pairs there in deviations, shape (4, V·W)
+        last: pose in the previous frame
+        pose: present pose
+        whole: derivatives of the whitened shifts of used pairs by the pose, shape (4, V·W)
+        seen: predicted shifts of all pairs at the present pose, shape (P, 6)
         """
         units = self.units[:MOVING]
         known = (units / moves_of(self.dome, last, self._settings.model)) ** 2
@@ -282,27 +283,27 @@ class ContactFit:
         return np.asarray(step, np.float64), float(gradient @ step)
 
     def image(self, object_: Array, pose: Array) -> tuple[float, Array]:
-        """ΣFn [N] and shifts of all pairs in a contact that is pressed from rest, (P, 6)."""
+        """Simulate a press from rest; return ΣFn [N] and the shifts of all P pairs, (P, 6)."""
         rest = np.zeros(MOVING)
         contact = self._way.step(self._way.untouched(object_), object_, rest, pose)
         return float(contact.normal.sum()), self._seen(contact)
 
     def _seen(self, contact: PosedContact) -> Array:
-        """Shifts of all pairs in a contact, (P, 6)."""
+        """Predicted shifts of all pairs in a contact, (P, 6)."""
         return self._response(contact.nodes, contact.linear)
 
     def _slopes(self, changes: Changes) -> Array:
-        """Changes of these shifts by each unknown over its unit, (C, P, 6)."""
+        """Derivatives of predicted shifts by each of C unknowns, per unit of it, (C, P, 6)."""
         return self._response.along(changes.contact.nodes, changes.linear)
 
     def _predicted(
         self, object_: Array, poses: Array, alike: list[PosedContact] | None = None
     ) -> tuple[list[PosedContact], list[Array]]:
-        """Contact in each key frame, and shifts of all pairs in it.
+        """Simulate the contact in each key frame; also return the shifts of all pairs in it.
 
         Parameters
         ----------
-        alike: contacts near those
+        alike: similar contacts, as initial guesses
         """
         contact, before = self._way.untouched(object_), np.zeros(MOVING)
         contacts, seen = [], []
@@ -322,7 +323,7 @@ class ContactFit:
         contacts: list[PosedContact],
         seen: list[Array],
     ) -> tuple[list[Explained], Array, Changes]:
-        """Key frames as contacts explain them, slopes (12, P, 6) in the last and its changes."""
+        """Predict the key frames; also return derivatives (12, P, 6) and changes of the last."""
         contact, before = self._way.untouched(object_), np.zeros(MOVING)
         changes: Changes | None = None
         explained = []
@@ -336,13 +337,14 @@ class ContactFit:
         return explained, slopes, changes
 
     def _moved(self, object_: Array, poses: Array, step: Array) -> tuple[Array, Array]:
+        """Add a step, in units of the unknowns, to object and poses, within their limits."""
         moved = object_ + self.units[MOVING:] * step[: len(OBJECT)]
         on = self.units[:MOVING] * step[len(OBJECT) :].reshape(-1, MOVING)
         dome, model = self.dome, self._settings.model
         return limited_object(dome, moved, model), limited_pose(dome, poses + on, model)
 
     def _length(self, step: Array) -> float:
-        """Largest part of a step over the longest one."""
+        """Largest component of a step, relative to the longest allowed one."""
         share = self.units / self._longest
         on_object = abs(step[: len(OBJECT)] * share[MOVING:]).max()
         on_poses = abs(step[len(OBJECT) :].reshape(-1, MOVING) * share[:MOVING]).max()
@@ -355,9 +357,10 @@ def _explained(shifts: Shifts, predicted: Array, slopes: Array) -> Explained:
 
 
 def _seen_as(explained: Sequence[Explained], seen: list[Array]) -> list[Explained]:
-    """The same key frames with the same slopes, and other shifts of all pairs."""
+    """Replace the predicted shifts of key frames, and keep their derivatives."""
     return [replace(each, predicted=new) for each, new in zip(explained, seen, strict=True)]
 
 
 def _losses(shifts: list[Shifts], seen: list[Array]) -> list[float]:
+    """Loss of each key frame for predicted shifts."""
     return [frame.loss(predicted) for frame, predicted in zip(shifts, seen, strict=True)]

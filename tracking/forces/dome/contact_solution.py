@@ -1,4 +1,4 @@
-"""Results of fits of contacts: solutions of key frames, and contacts that are followed."""
+"""Results of fits of contacts: solutions for key frames, and followed contacts."""
 
 import math
 from dataclasses import dataclass
@@ -17,20 +17,21 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """An object and its poses, that explain key frames.
+    """An object and its poses, fitted to key frames.
 
     Attributes
     ----------
     object_: unknowns of the object, shape (8,)
-    keys: with their poses
-    explained: what the contact shows of each
-    slopes: of the shifts in the last of them by the unknowns over their units, shape (12, P, 6)
-    contact: in the last of them
-    changes: of it by each unknown
-    covariance: of the pose in the last key frame and the object, shape (12, 12)
-    cost: what a fit makes least
-    misfit: mean square of what is left of the shifts, in deviations, odd pairs held down
-    typical: median over pairs that have moved of what is left of their shifts, squared
+    keys: key frames with their poses
+    explained: prediction for each key frame
+    slopes: derivatives of all pairs' shifts in the last key frame by the unknowns, per unit of
+        each, shape (12, P, 6)
+    contact: contact in the last key frame
+    changes: changes of this contact by each unknown
+    covariance: covariance of the pose in the last key frame and the object, shape (12, 12)
+    cost: minimised cost
+    misfit: mean squared residual of the shifts [variances], with reduced weight of outliers
+    typical: median squared residual of the pairs that have moved [variances]
     """
 
     object_: Array
@@ -47,13 +48,13 @@ class Solution:
 
 @dataclass(frozen=True, kw_only=True)
 class Followed:
-    """A contact that is followed with its object held.
+    """A contact that is followed with a fixed object.
 
     Attributes
     ----------
-    contact, pose: in the last frame
-    seen: shifts of all pairs in it, shape (P, 6)
-    slopes: of the shifts by the pose over its units, in that frame or a frame before, (4, P, 6)
+    contact, pose: contact and pose in the last frame
+    seen: predicted shifts of all pairs in it, shape (P, 6)
+    slopes: derivatives of the shifts by the pose, per unit, in that or an earlier frame, (4, P, 6)
     """
 
     contact: PosedContact
@@ -65,15 +66,16 @@ class Followed:
 def tells_more(
     held: Solution, units: Array, gain: float, step: Array, settings: ContactFitSettings
 ) -> bool:
-    """Whether a step of the last pose and the object changes the estimate in the last frame.
+    """Whether a step of the last pose and the object would change the estimate in the last frame.
 
     Parameters
     ----------
-    units: of the unknowns, shape (12,)
-    gain: of that step in all key frames, in squared deviations
+    units: units of the unknowns, shape (12,)
+    gain: expected gain of the step in all key frames [squared standard deviations]
+    step: step in units, last pose first, shape (12,)
     """
     sums, mu = sums_of(held.changes.contact), math.exp(held.object_[FRICTION])
-    slopes = np.zeros((3, MOVING + len(OBJECT)))  # of ln ΣFn, ln µ and Γ
+    slopes = np.zeros((3, MOVING + len(OBJECT)))  # derivatives of ln ΣFn, ln µ and Γ
     normal, across = (sums_of(held.changes.changed) - sums).T / max(float(sums[0]), 1e-12)
     slopes[0], slopes[1, MOVING + FRICTION] = normal / units, 1.0
     share = float(sums[1]) / max(mu * float(sums[0]), 1e-12)

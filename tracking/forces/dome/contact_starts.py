@@ -1,7 +1,7 @@
 """Starts of the fit of a contact: from rest, and next to a solution that may be wrong.
 
-A press tells little of an object: what is softer, bent more and pressed deeper shows almost the
-same markers. Such objects lie along a curved valley that a fit from one end does not walk through.
+A press hardly determines an object: a softer one with more curvature that is pressed deeper shows
+almost the same markers. The cost has a curved valley, which a fit from one end does not cross.
 """
 
 import math
@@ -26,7 +26,7 @@ Start = tuple[Array, tuple[Key, ...]]
 
 
 def start_from_rest(fit: ContactFit, shifts: Shifts, settings: StartSettings) -> Start:
-    """The place of a light press whose image is most like the shifts."""
+    """Find the place where a light press would cause the most similar shifts."""
     mean, light = prior_of(fit.dome).mean, _light(fit.dome, settings)
     best, most, press = mean, -math.inf, 0.0
     target = shifts.apply(shifts.values)
@@ -38,7 +38,7 @@ def start_from_rest(fit: ContactFit, shifts: Shifts, settings: StartSettings) ->
             length = max(float(np.linalg.norm(image)), 1e-9)
             score = float(image @ target) / length
             if score > most:
-                # A force, and so the image, grows about as the press to the power of 3/2.
+                # Force and shifts grow roughly with the press to the power of 3/2.
                 larger = float(np.clip(max(score / length, 0.05) ** (2.0 / 3.0), 0.2, 4.0))
                 best, most, press = tried, score, larger * light[PRESS]
     pose = np.zeros(MOVING)
@@ -47,14 +47,14 @@ def start_from_rest(fit: ContactFit, shifts: Shifts, settings: StartSettings) ->
 
 
 def light_press(fit: ContactFit, settings: StartSettings) -> tuple[float, Array]:
-    """ΣFn [N] of a light press at the apex, and the shifts of all pairs, (P, 6)."""
+    """Simulate a light press at the apex; return ΣFn [N] and the shifts of all pairs, (P, 6)."""
     return fit.image(prior_of(fit.dome).mean, _light(fit.dome, settings))
 
 
 def other_objects(
     dome: Dome, object_: Array, keys: tuple[Key, ...], settings: StartSettings
 ) -> Iterator[Start]:
-    """A flat and a round object at the same place."""
+    """Yield starts with a flat and a round object at the same place."""
     for curve in settings.curves:
         other = prior_of(dome).mean.copy()
         other[PLACE] = object_[PLACE]
@@ -68,7 +68,7 @@ class Rivals:
 
     Attributes
     ----------
-    settings: tuned numbers
+    settings: tuned parameters
     backoff: interval from one rival to the next, which grows while none is better
     turn: number of rivals so far
     """
@@ -96,7 +96,7 @@ class Rivals:
         if max(abs(softer) / known[STIFFNESS], abs(slips) / known[FRICTION]) > settings.plausible:
             return after.tried(better=False), None
         other = solution.object_.copy()
-        # Curvatures count from the dome's own.
+        # Curvatures are relative to the dome's own.
         round_ = np.array([1.0, 1.0, 0.0]) / dome.radius
         other[CURVES] = deeper * (other[CURVES] + round_) - round_
         other[STIFFNESS] += softer
@@ -107,11 +107,12 @@ class Rivals:
         return after, (other, tuple(keys))
 
     def tried(self, better: bool) -> Self:
-        """State after the last start was better, or was not."""
+        """State after the last start succeeded or failed."""
         return replace(self, backoff=self.backoff.tried(better))
 
 
 def _light(dome: Dome, settings: StartSettings) -> Array:
+    """Pose of a light press."""
     pose = np.zeros(MOVING)
     pose[PRESS] = settings.press * dome.thickness
     return pose

@@ -1,11 +1,11 @@
-"""The contact that is fitted: its unknowns, and what the mechanics make of them.
+"""Unknowns of the fitted contact, and the object and poses that follow from them.
 
 An object of two curvatures touches the dome at a place, along the dome's own normal there. From
 there it is pressed, shifted and turned. The unknowns are
 
     pose: shift along x and y, press, twist | object: place (2), curvatures (3), ln k, ln µ, ln σ0
 
-of which the pose changes from frame to frame.
+with the object's stiffness k and bristle stiffness σ0. Only the pose changes between frames.
 """
 
 import math
@@ -27,7 +27,7 @@ MOVING = 4
 PRESS = 2
 TWIST = 3
 OBJECT = range(MOVING, UNKNOWNS)
-#: Places among the unknowns of the object.
+#: Indices among the unknowns of the object.
 PLACE = slice(0, 2)
 CURVES = slice(2, 5)
 STIFFNESS = 5
@@ -41,8 +41,8 @@ class Prior:
 
     Attributes
     ----------
-    mean: of the unknowns of the object, shape (8,)
-    deviation: of the unknowns of the object, shape (8,)
+    mean: mean of the unknowns of the object, shape (8,)
+    deviation: standard deviation of these unknowns, shape (8,)
     """
 
     mean: Array
@@ -50,7 +50,7 @@ class Prior:
 
 
 def prior_of(dome: Dome) -> Prior:
-    """Prior of contacts on a dome: objects of 10 to 2000 kPa, µ 0.15 to 1.6, bent up to 4/R."""
+    """Prior of contacts on a dome: 10 to 2000 kPa, µ 0.15 to 1.6, curvatures up to 4/R."""
     radius = dome.radius
     mean, deviation = np.zeros(len(OBJECT)), np.empty(len(OBJECT))
     mean[CURVES] = np.array([0.8, 0.8, 0.0]) / radius
@@ -64,9 +64,9 @@ def prior_of(dome: Dome) -> Prior:
 def moves_of(
     dome: Dome, poses: Array, model: ContactModelSettings = ContactModelSettings()
 ) -> Array:
-    """Deviation of the way to each pose (…, 4) from the one before, shape (…, 4).
+    """Prior standard deviation of the motion to each pose from the previous one, shape (…, 4).
 
-    A light contact is hardly shifted: its markers do not determine its place.
+    A light contact is assumed to shift little, as markers hardly determine its place.
     """
     thickness = dome.thickness
     out = np.empty(poses.shape)
@@ -78,14 +78,14 @@ def moves_of(
 
 
 def units_of(dome: Dome) -> Array:
-    """Change of each unknown that derivatives are taken over, shape (12,)."""
+    """Unit of each unknown, in which derivatives are given, shape (12,)."""
     shift, curve = 1e-3 * dome.thickness, 0.05 / dome.radius
     pose = [shift, shift, shift, 3e-3]
     return np.array([*pose, 1e-3, 1e-3, curve, curve, curve, 0.05, 0.03, 0.05])
 
 
 def longest_of(dome: Dome) -> Array:
-    """Largest change of each unknown in a round that starts far from the solution, shape (12,)."""
+    """Largest change of each unknown in a round of the fit, shape (12,)."""
     shift, curve = 0.15 * dome.thickness, 1.0 / dome.radius
     return np.array([shift, shift, shift, 0.2, 0.15, 0.15, curve, curve, curve, 1.0, 0.7, 1.0])
 
@@ -93,7 +93,7 @@ def longest_of(dome: Dome) -> Array:
 def limited_object(
     dome: Dome, object_: Array, model: ContactModelSettings = ContactModelSettings()
 ) -> Array:
-    """Unknowns of an object within what a contact can have."""
+    """Clip the unknowns of an object to plausible values."""
     out = object_.copy()
     low, high = model.flattest / dome.radius, model.sharpest / dome.radius
     along_x, along_y, mixed = out[CURVES]
@@ -109,14 +109,14 @@ def limited_object(
 def limited_pose(
     dome: Dome, pose: Array, model: ContactModelSettings = ContactModelSettings()
 ) -> Array:
-    """Poses (…, 4) that press no deeper than the silicone is described."""
+    """Clip poses (…, 4) to presses that the silicone model describes."""
     out = pose.copy()
     out[..., PRESS] = np.minimum(out[..., PRESS], model.deepest * dome.thickness)
     return out
 
 
 def solid_of(object_: Array, model: ContactModelSettings) -> Solid:
-    """The object."""
+    """Make the object of its unknowns."""
     along_x, along_y, mixed = (float(value) for value in object_[CURVES])
     stiffness, friction, bristle = (float(math.exp(value)) for value in object_[STIFFNESS:])
     return Solid(
@@ -129,13 +129,13 @@ def solid_of(object_: Array, model: ContactModelSettings) -> Solid:
 
 
 def pose_of(dome: Dome, object_: Array, pose: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and place (3,) of the object."""
+    """Rotation matrix (3, 3) and position (3,) of the object."""
     rotation, place = poses_of(dome, object_[None], pose[None])
     return rotation[0], place[0]
 
 
 def poses_of(dome: Dome, objects: Array, poses: Array) -> tuple[Array, Array]:
-    """Rotations (C, 3, 3) and places (C, 3) of objects (C, 8) at poses (C, 4)."""
+    """Rotation matrices (C, 3, 3) and positions (C, 3) of objects (C, 8) at poses (C, 4)."""
     turn = np.zeros((2, len(objects), 3))
     turn[0, :, :2], turn[1, :, 2] = objects[:, PLACE], poses[:, TWIST]
     base, twist = Rotation.from_rotvec(turn.reshape(-1, 3)).as_matrix().reshape(2, -1, 3, 3)

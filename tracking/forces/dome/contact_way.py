@@ -1,8 +1,8 @@
-"""The way of a contact through key poses, and what each unknown changes along it.
+"""Path of a contact through key poses, and its derivatives with respect to each unknown.
 
 The derivatives are those of the solved contact, to first order. An unknown of the object changes
-the whole way: what it has changed of the history is carried on. A pose changes its own frame alone;
-what it changes later, by friction, is left out of the derivatives and not of the way.
+the whole path: its effect on the history is propagated. A pose changes its own frame only; its
+later effect by friction is in the path but not in the derivatives.
 """
 
 import math
@@ -25,12 +25,12 @@ _HISTORY = ("displacement", "linear", "forces", "friction")
 
 @dataclass(frozen=True, kw_only=True)
 class Changes:
-    """A contact, and the same changed by each of C unknowns over its unit.
+    """A contact, and C copies of it, each changed by one unit of an unknown.
 
     Attributes
     ----------
-    contact: unchanged
-    changed: C contacts
+    contact: unchanged contact
+    changed: the C changed contacts
     """
 
     contact: PosedContact
@@ -43,12 +43,12 @@ class Changes:
 
 
 class ContactWay:
-    """Contacts of one dome on the way through poses.
+    """Simulates contacts of one dome on a path through poses.
 
     Parameters
     ----------
     dome: body
-    model: tuned numbers
+    model: tuned parameters
     """
 
     def __init__(self, dome: Dome, model: ContactModelSettings = ContactModelSettings()) -> None:
@@ -59,7 +59,7 @@ class ContactWay:
         self._solids: list[Solid] = []
 
     def untouched(self, object_: Array) -> PosedContact:
-        """The dome at rest, and an object that just touches it."""
+        """Make the contact of a dome at rest with an object that just touches it."""
         rotation, place = poses_of(self.dome, object_[None], np.zeros((1, MOVING)))
         return self._contacts.untouched(rotation[0], place[0])
 
@@ -71,13 +71,13 @@ class ContactWay:
         after: Array,
         alike: PosedContact | None = None,
     ) -> PosedContact:
-        """Contact at the next pose, in parts where it is far.
+        """Solve for the contact at the next pose, in several parts if it is far.
 
         Parameters
         ----------
         object_: unknowns of the object, shape (8,)
         before, after: poses, shape (4,)
-        alike: contact near the one that is sought
+        alike: similar contact, as initial guess
 
         Raises
         ------
@@ -103,15 +103,15 @@ class ContactWay:
         alike: PosedContact | None = None,
         solved: bool = False,
     ) -> tuple[PosedContact, Changes]:
-        """Contact at the next pose, and what each unknown changes of it.
+        """Solve for the contact at the next pose, and its change by each unknown.
 
         Parameters
         ----------
-        contact: before the step
-        history: what the unknowns of the object changed of it; None is nothing
-        unknowns: that are changed; all of them where there is a history
-        alike: as of `step`
-        solved: whether it is that contact itself
+        contact: contact before the step
+        history: its changes by the unknowns of the object; None: no changes
+        unknowns: indices of the unknowns to change; all of them with a history
+        alike: as in `step`
+        solved: whether `alike` is already the contact at the next pose
 
         Raises
         ------
@@ -154,7 +154,7 @@ class ContactWay:
         return contact, Changes(contact=contact, changed=every)
 
     def _beside(self, contact: PosedContact, every: PosedContact) -> PosedContact:
-        """A contact, and the same with small parts of changes."""
+        """Stack a contact, and copies of it with small shares of changes."""
         whole = together([contact] * (1 + len(every.place)))
         for name in _HISTORY:
             values = getattr(whole, name)
@@ -164,11 +164,12 @@ class ContactWay:
     def _look(
         self, contact: PosedContact, solid: Solid, object_: Array, after: Array
     ) -> PosedContact:
+        """Activate the nodes that the object may touch at the next pose."""
         rotation, place = poses_of(self.dome, object_[None], after[None])
         return self._contacts.look(contact, solid, rotation[0], place[0])
 
     def _solids_of(self, object_: Array) -> list[Solid]:
-        """The object, and the same with each of its unknowns changed a little."""
+        """Objects: the given one, and copies with one unknown changed slightly."""
         if not np.array_equal(object_, self._object):
             changed = object_ + np.diag(self._model.derivative_step * self._units[MOVING:])
             self._solids = [solid_of(each, self._model) for each in (object_, *changed)]
@@ -176,11 +177,11 @@ class ContactWay:
         return self._solids
 
     def _parts(self, before: Array, after: Array) -> Iterator[Array]:
-        """Poses on the way from one to another, and that one."""
+        """Yield poses on the way from one to another, including the latter."""
         model = self._model
         move = after[: PRESS + 1] - before[: PRESS + 1]
-        # The length along the skin, not its larger component: friction knows how many parts there
-        # are, and must not know which way x points.
+        # Length along the skin, not its larger component: the result depends slightly on the number
+        # of parts, and must not depend on the direction of x.
         way = max(math.hypot(*move[:PRESS]), abs(float(move[PRESS])))
         count = np.ceil(way / (model.longest_part * self.dome.thickness))
         parts = int(np.clip(count, 1, model.most_parts))

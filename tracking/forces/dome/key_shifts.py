@@ -1,4 +1,4 @@
-"""Shifts of the markers in a frame, as a contact is compared with them; key frames have poses."""
+"""Whitened shifts of the markers in a frame, and their comparison with a contact."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,14 +13,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Shifts:
-    """Shifts of the pairs of a frame, V of them, whitened as they are compared.
+    """Shifts of the V used pairs of a frame, with the matrices that whiten them.
 
     Attributes
     ----------
-    values: (x, y, log size) of both layers, shape (V, 6)
-    whiten: of each pair, to W independent values, shape (V, W, 6)
-    used: mask of these pairs among all, shape (P,)
-    settings: tuned numbers
+    values: shifts (x, y, log size) of both layers, shape (V, 6)
+    whiten: matrices from a pair's shifts to W independent values of unit variance, (V, W, 6)
+    used: mask of these pairs among all P pairs, shape (P,)
+    settings: tuned parameters
     """
 
     values: Array
@@ -30,34 +30,34 @@ class Shifts:
 
     def apply(self, shifts: Array) -> Array:
         """Whitened shifts (…, V, 6) as one vector, shape (…, V·W)."""
-        # Pair by pair a product of small matrices, which is ten times as fast as one sum over all.
+        # One small matrix product for each pair is ten times as fast as a single `einsum`.
         several = shifts.reshape(-1, *shifts.shape[-2:]).swapaxes(0, 1)
         whole = several @ self.whiten.swapaxes(1, 2)
         return whole.swapaxes(0, 1).reshape(*shifts.shape[:-2], -1)
 
     def residual(self, predicted: Array) -> Array:
-        """Residual of the shifts (…, P, 6) in deviations, shape (…, V·W)."""
+        """Whitened residual against predicted shifts (…, P, 6), shape (…, V·W)."""
         return self.apply(self.values - predicted[..., self.used, :])
 
     def weights(self, residual: Array) -> Array:
-        """Weight of every value; pairs with large residuals weigh less (Cauchy's)."""
+        """Weight of every value; pairs with large residuals have less weight (Cauchy)."""
         return 1.0 / (1.0 + self._each(residual) / self.settings.odd**2)
 
     def loss(self, predicted: Array) -> float:
-        """Loss that a fit minimises; outliers hardly add to it (Cauchy's)."""
+        """Loss that a fit minimises, with little influence of outliers (Cauchy)."""
         settings = self.settings
         each = self._each(self.residual(predicted))
         return float(settings.odd**2 * np.log1p(each / settings.odd**2).sum())
 
     def cost(self, predicted: Array) -> float:
-        """Sum of squares of the residual; parts of outliers grow linearly (Huber's)."""
+        """Sum of squared residuals, linear for outliers (Huber)."""
         settings = self.settings
         size = np.sqrt(self._each(self.residual(predicted)))
         share = np.minimum(1.0, settings.off / np.maximum(size, settings.off))
         return float((share * (2.0 - share) * size**2).sum())
 
     def typical(self, predicted: Array) -> float:
-        """Median squared residual of the pairs that have moved [deviations²]; 0 if they are few."""
+        """Median squared residual of the pairs that have moved [variances]; 0 if they are few."""
         settings = self.settings
         pairs = len(self.whiten)
         moved = (self.apply(self.values).reshape(pairs, -1) ** 2).mean(axis=1) > settings.moved
@@ -65,7 +65,7 @@ class Shifts:
         return float(np.median(left[moved])) if moved.sum() >= settings.several else 0.0
 
     def _each(self, residual: Array) -> Array:
-        """Mean square of its pair's residual for every value, shape (V·W,)."""
+        """For every value the mean squared residual of its pair, shape (V·W,)."""
         each = residual.reshape(len(self.whiten), -1)
         return np.repeat((each**2).mean(axis=1), each.shape[1])
 
@@ -85,13 +85,13 @@ class Key:
 
 @dataclass(frozen=True, kw_only=True)
 class Explained:
-    """A key frame, and what a contact shows of it; what follows from both is kept.
+    """A key frame and the prediction of a contact for it; derived values are cached.
 
     Attributes
     ----------
-    shifts: seen in it
-    predicted: shifts of all pairs, shape (P, 6)
-    whole: what each unknown changes of the used ones over its unit, in deviations, (12, V·W)
+    shifts: observed shifts
+    predicted: predicted shifts of all pairs, shape (P, 6)
+    whole: derivatives of the whitened shifts by each unknown, per unit of it, shape (12, V·W)
     """
 
     shifts: Shifts
@@ -100,22 +100,22 @@ class Explained:
 
     @cached_property
     def loss(self) -> float:
-        """As `Shifts.loss`."""
+        """See `Shifts.loss`."""
         return self.shifts.loss(self.predicted)
 
     @cached_property
     def cost(self) -> float:
-        """As `Shifts.cost`."""
+        """See `Shifts.cost`."""
         return self.shifts.cost(self.predicted)
 
     @cached_property
     def typical(self) -> float:
-        """As `Shifts.typical`."""
+        """See `Shifts.typical`."""
         return self.shifts.typical(self.predicted)
 
     @cached_property
     def normal(self) -> tuple[Array, Array]:
-        """Information and gradient of the unknowns, shapes (12, 12) and (12,)."""
+        """Information matrix (12, 12) and gradient (12,) of the unknowns."""
         residual = self.shifts.residual(self.predicted)
         weighted = self.whole * self.shifts.weights(residual)
         return weighted @ self.whole.T, weighted @ residual

@@ -1,4 +1,4 @@
-"""Key frames: the part of a contact's history that the object is fitted to."""
+"""Key frames: the frames of a contact's history to which the object is fitted."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -14,12 +14,12 @@ Array = NDArray[np.float64]
 
 
 def far_on(dome: Dome, keys: tuple[Key, ...], pose: Array, settings: KeySettings) -> bool:
-    """Whether a pose is so far from that of the last key frame that it makes another one."""
+    """Whether a pose is far enough from the last key frame to become a key frame."""
     return _way(dome, keys[-1].pose, pose, settings) > 1.0
 
 
 def thinned(dome: Dome, keys: tuple[Key, ...], settings: KeySettings) -> tuple[Key, ...]:
-    """The key frames, without the one that changes the way least where they are too many."""
+    """Drop the key frame that changes the path least, if there are too many."""
     if len(keys) <= settings.most:
         return keys
     detours = [
@@ -33,7 +33,7 @@ def thinned(dome: Dome, keys: tuple[Key, ...], settings: KeySettings) -> tuple[K
 
 
 def _way(dome: Dome, first: Array, second: Array, settings: KeySettings) -> float:
-    """Length of the way between two poses, in units of that from one key to the next."""
+    """Distance between two poses, in units of that between key frames."""
     shift, press = settings.shift * dome.thickness, settings.press * dome.thickness
     unit = np.array([shift, shift, press, settings.twist_rad])
     return float(np.linalg.norm((second - first) / unit))

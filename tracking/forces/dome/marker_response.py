@@ -1,4 +1,4 @@
-"""Shifts of the markers of a dome by forces on its nodes, and their derivative."""
+"""Shifts of the markers of a dome due to forces on its nodes, and their derivatives."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,13 @@ Index = NDArray[np.int64]
 
 
 class DomeResponse:
-    """Predicted (x, y, log size) of both layers of every marker pair of one sensor.
+    """Predicts (x, y, log size) of both layers of every marker pair of one sensor.
 
     Parameters
     ----------
-    sensor: calibration of the image
-    dome: the silicone that the markers are in
-    places: of the markers at rest, as read off the rest frame, shape (2, P, 2)
+    sensor: calibrated design
+    dome: body that contains the markers
+    places: places of the markers at rest, from the rest frame, shape (2, P, 2)
     """
 
     def __init__(self, sensor: SensorDesign, dome: Dome, places: Array) -> None:
@@ -33,11 +33,12 @@ class DomeResponse:
         self._columns = np.zeros((nodes, 3, self._rest.size), np.float32)
 
     def __call__(self, nodes: Index, linear: Array) -> Array:
-        """Shifts since rest [px, px, 1] per layer, (P, 6), for forces (n, 3) on the linear skin.
+        """Shifts since rest [px, px, 1] of both layers, (P, 6), for forces on the linear skin.
 
         Parameters
         ----------
-        nodes: that the forces [N] act on, shape (n,); no others are loaded
+        nodes: indices of all loaded nodes, shape (n,)
+        linear: forces on them [N], shape (n, 3)
         """
         self._forces[nodes] = linear
         shifts = self._measured(self._map(self._forces)) - self._rest
@@ -45,16 +46,12 @@ class DomeResponse:
         return shifts
 
     def along(self, nodes: Index, linear: Array) -> Array:
-        """Change of the shifts for small changes of the forces, linear in them.
+        """Linearised change of the shifts, (C, P, 6), for C small changes of the forces.
 
         Parameters
         ----------
-        nodes: that the forces act on, shape (n,)
+        nodes: indices of the loaded nodes, shape (n,)
         linear: changes of forces [N], shape (C, n, 3)
-
-        Returns
-        -------
-        Shape (C, P, 6).
         """
         loaded = np.flatnonzero(linear.any(axis=(0, 2)))
         if not len(loaded):
@@ -64,7 +61,7 @@ class DomeResponse:
         return (changes @ columns).astype(np.float64).reshape(len(linear), *self._rest.shape)
 
     def of_nodes(self, nodes: Index) -> NDArray[np.float32]:
-        """Change of the shifts by small unit forces on nodes (n,), shape (n, 3, 6·P)."""
+        """Derivatives of the shifts by forces on n nodes, shape (n, 3, 6·P)."""
         missing = nodes[~self._made[nodes]]
         if len(missing):
             field = self._map.field.of_nodes(missing)
@@ -75,7 +72,7 @@ class DomeResponse:
         return self._columns[nodes]
 
     def _at_rest(self, count: int) -> Array:
-        """Derivative of (x, y, log size) by a marker's motion and slopes, (2, P, 3, 9)."""
+        """Derivatives (2, P, 3, 9) of (x, y, log size) by displacement and slopes, at rest."""
         out = np.empty((2, count, 3, 9))
         for k in range(9):
             moved, slope = np.zeros((2, count, 3)), np.zeros((2, count, 3, 2))
@@ -86,7 +83,7 @@ class DomeResponse:
         return out
 
     def _measured(self, membrane: Membrane) -> Array:
-        """(x, y, log size) of both layers of each pair, shape (P, 6)."""
+        """Measurements (x, y, log size) of both layers of each pair, shape (P, 6)."""
         image = outlines(membrane, self._sensor.view)
         size = 0.5 * np.log(areas(image, self._square))
         values = np.concatenate([centroids(image, self._square), size[..., None]], axis=-1)

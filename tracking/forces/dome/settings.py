@@ -1,26 +1,26 @@
-"""Tuned numbers of the reconstructor `contact`, each with its unit and effect."""
+"""Tuned parameters of the reconstructor `contact`, each with its unit and effect."""
 
 from dataclasses import dataclass
 
-#: Error of a marker's place that the linear silicone and the round object cause [px].
+#: Error of a marker's position due to the linear silicone and the simple object [px].
 PLACE_ERROR = 0.02
-#: The same of the logarithm of its size.
+#: Error of the logarithm of a marker's size due to the same.
 SIZE_ERROR = 5e-3
-#: Largest number of independent key frames: errors of the model are alike in all.
+#: Largest effective number of independent key frames, as errors of the model are common to all.
 INDEPENDENT = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactModelSettings:
-    """Tuned numbers of the contact that is fitted.
+    """Tuned parameters of the fitted contact.
 
     Attributes
     ----------
     dahl_exponent: exponent of the Dahl law, which is not fitted
-    light_shift: smallest prior deviation of a shift, over the thickness of the silicone
-    shift_per_press: prior deviation of a shift over the press; a light contact is hardly shifted
-    hollow: prior deviation of a curvature below 0, times the dome's radius: gripped objects are
-        hardly ever hollow, and a soft plane shows almost the same markers as a stiffer hollow
+    light_shift: smallest prior standard deviation of a shift, over the thickness of the silicone
+    shift_per_press: prior standard deviation of a shift over the press
+    hollow: prior standard deviation of a negative curvature, times the dome's radius: gripped
+        objects are rarely hollow, and a soft plane shows almost the same markers as a stiff hollow
     deepest: deepest press over the thickness of the silicone
     flattest, sharpest: bounds of curvature times the dome's radius; deeper hollows fit nowhere
     longest_part: longest part of a step over the thickness; shorter parts follow friction better
@@ -42,7 +42,7 @@ class ContactModelSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ContactFitSettings:
-    """Tuned numbers of the fit of a contact; gains are in squared deviations.
+    """Tuned parameters of the fit of a contact; gains are decreases of the cost.
 
     Attributes
     ----------
@@ -52,13 +52,13 @@ class ContactFitSettings:
     chord_reach: distance from that solution, over the longest step, above which they no longer hold
     follow_steps: largest number of steps of a pose from frame to frame
     follow_gain: expected gain below which a pose stays as it is
-    slow: share of the gain before above which slopes are computed again
-    small_change: change of ln ΣFn, ln µ and Γ that is small compared with the errors of the
-        silicone and the friction law; smaller changes refit no object
-    unsure_share: the same as a share of the deviations of ln ΣFn, ln µ and Γ
+    slow: share of the previous gain above which derivatives are computed again
+    small_change: change of ln ΣFn, ln µ and Γ below which the object is not refitted; it is small
+        against errors of silicone and friction law
+    unsure_share: such a change as a share of the standard deviations of ln ΣFn, ln µ and Γ
     telling_gain: expected gain per key frame, over the misfit, above which the object is refitted
-    independent_keys: largest number of independent key frames; more weigh less each
-    model: contact that is fitted
+    independent_keys: largest effective number of key frames; more have less weight each
+    model: settings of the fitted contact
     """
 
     least_gain: float = 0.3
@@ -77,13 +77,13 @@ class ContactFitSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ShiftSettings:
-    """Tuned numbers for outliers among the pairs of a frame.
+    """Tuned parameters for outliers among the pairs of a frame.
 
     Attributes
     ----------
-    odd: root mean square of a pair's residuals of half weight in a fit [deviations]
-    off: the same above which the cost of a pair grows linearly [deviations]
-    moved: mean square of a pair's shifts above which it has moved [squared deviations]
+    odd: RMS residual of a pair at which its weight in a fit is half [standard deviations]
+    off: RMS residual above which the cost of a pair grows linearly [standard deviations]
+    moved: mean square of a pair's shifts above which it has moved [variances]
     several: number of moved pairs below which their median residual counts as 0
     """
 
@@ -95,13 +95,13 @@ class ShiftSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class KeySettings:
-    """Tuned numbers for the choice of key frames; smaller steps give more of them.
+    """Tuned parameters for the choice of key frames; smaller steps give more of them.
 
     Attributes
     ----------
     most: largest number of key frames; each costs time in every refit
     shift, press: distances from one key pose to the next, over the thickness of the silicone
-    twist_rad: the same of the twist [rad]
+    twist_rad: twist from one key pose to the next [rad]
     """
 
     most: int = 8
@@ -112,16 +112,16 @@ class KeySettings:
 
 @dataclass(frozen=True, kw_only=True)
 class StartSettings:
-    """Tuned numbers for the starts of a fit.
+    """Tuned parameters for the starts of a fit.
 
     Attributes
     ----------
     places: rings of starts from rest: angle of each from the apex [rad], and number of starts
     press: press of a start from rest, over the thickness
     curves: curvatures of other objects at the same place, times the radius
-    rivals: factors of press and curvature, and of µ, which take turns
-    plausible: deviations of ln k and ln µ above which a rival is not tried
-    softening: power of the press that the stiffness of a rival follows
+    rivals: factors on press and curvature, and on µ, of the rivals that are tried in turns
+    plausible: prior standard deviations of ln k and ln µ above which a rival is not tried
+    softening: exponent with which the stiffness of a rival depends on its press
     rivals_first, rivals_most: key frames from one rival to the next, at first and at most
     """
 
@@ -137,40 +137,40 @@ class StartSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ContactSettings:
-    """Tuned numbers of `ContactReading`; misfits are mean squared residuals in deviations.
+    """Tuned parameters of `ContactReading`; misfits are mean squared residuals over variances.
 
     Attributes
     ----------
-    least_markers: number of visible pairs below which no contact is determined
-    place_error_px: error of a marker's place that silicone and object cause [px]
-    size_error: the same of the logarithm of its size
-    share_error: error of a place as a share of the marker's motion
-    untouched: sum of squares of the shifts below which nothing touches [squared deviations]
-    explained: sum of squares that a contact must explain to be one; noise hides lighter touches
+    least_markers: smallest number of visible pairs
+    place_error_px: error of a marker's position due to silicone and object [px]
+    size_error: error of the logarithm of its size due to the same
+    share_error: error of a position as a share of the marker's motion
+    untouched: cost of the shifts below which nothing touches
+    explained: decrease of the cost that a contact must achieve; noise hides lighter touches
     misfit: largest misfit of a solution; above it the frame is refused
     median_misfit: largest median squared residual of the moved pairs (a few pairs of any specimen
         are outliers), for aligned markers
-    median_misfit_slope: its increase per misalignment over marker size: misaligned markers are
-        tracked worse
-    both_misfits, both_misfits_slope: the same for the product of median and mean
+    median_misfit_slope: its increase per misalignment over marker size, as misaligned markers are
+        tracked less well
+    both_misfits, both_misfits_slope: such limits for the product of median and mean
     hollow, edge: smallest and largest curvature of a smooth, convex object, times the radius
     shaped_misfit: misfit above which an object beyond them is rejected
-    same: mean square of a change of the shifts below which a refused frame is the same
+    same: mean squared change of the shifts below which a refused frame counts as unchanged
     rounds: largest number of rounds of a fit from rest
-    refit_rounds: the same of a fit that starts near its solution
-    rival_rounds: the same of a rival; the next turn goes on with a better one
+    refit_rounds: largest number of rounds of a fit that starts near its solution
+    rival_rounds: largest number of rounds of a rival; a better one continues in its next turn
     refit_every: number of key frames that could change the estimate, after which the object is
         fitted again at the latest
     refit_patience: unsuccessful refits after which the interval between them doubles
-    rival_gain: decrease of the cost for which rivals are tried more often [squared deviations]
+    rival_gain: decrease of the cost by a rival above which rivals are tried more often
     doubtful: smallest misfit at which other objects are tried
     worse: factor on the misfit of the last solution above which they are tried
-    observed: deviation of ln µ below which µ is observable
-    observable_margin: Γ from which on µ is not observable
-    margin_error: error of Γ that the layer's thickness and the friction law cause
-    normal_error, friction_error: relative errors of ΣFn and ΣFf from the same causes
+    observed: standard deviation of ln µ below which µ is observable
+    observable_margin: margin Γ above which µ is not observable
+    margin_error: error of Γ due to the layer's thickness and the friction law
+    normal_error, friction_error: relative errors of ΣFn and ΣFf due to the same
     touching: share of ΣFn above which a node is in contact
-    fit, shifts, keys, starts: parts of the method
+    fit, shifts, keys, starts: settings of the parts of the method
     """
 
     least_markers: int = 12

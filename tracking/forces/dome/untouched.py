@@ -1,4 +1,4 @@
-"""Force field of a body of silicone that nothing touches."""
+"""Force field of a silicone body without contact."""
 
 import numpy as np
 
@@ -7,12 +7,13 @@ from ....model.dome import lattice
 
 
 def untouched_field(body: SoftBody, variance: float = 0.0) -> ForceField:
-    """No forces on the nodes at rest.
+    """Make a force field without forces on the nodes at rest.
 
     Parameters
     ----------
-    variance: of both sums [N²], of a touch too light to be seen; infinite where it is not known
-        that nothing touches
+    body: silicone body
+    variance: variance of both sums [N²], due to an undetectable light touch; infinite if it is
+        unknown whether anything touches
     """
     points = lattice(body).points
     return ForceField(

@@ -1,4 +1,4 @@
-"""Labels of the frames of a dataset: their columns, their truth and the physics behind them.
+"""Labels of the frames of a dataset: their columns, their true values and checks of their physics.
 
 If a recipe asks for it, a reconstructor's estimates from the pictures are stored next to them.
 """

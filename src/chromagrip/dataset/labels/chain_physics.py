@@ -1,4 +1,4 @@
-"""Laws of the labels of the node model: depth, friction, balance of forces, cones."""
+"""Physical laws that the labels of a chain must obey: depth, friction, balance of forces, cones."""
 
 from collections.abc import Iterator
 from typing import Self
@@ -20,21 +20,21 @@ _NEAR = 1e-4
 
 
 class _Chain:
-    """Places and forces of a sequence's nodes, in SI units.
+    """Positions and forces of a chain's N nodes in the T frames of a sequence, in SI units.
 
     Parameters
     ----------
-    stored: its scene
-    seen: displacement of the nodes relative to the rigid part, shape (T, N, 2)
-    rigid, moved: of the rigid part along z and of the object along x, shape (T,)
-    normal, friction: on each node, shape (T, N)
+    stored: labels and scene of the sequence
+    seen: displacements of the nodes relative to the rigid part, shape (T, N, 2)
+    rigid, moved: displacement of the rigid part along z and of the object along x, shape (T,)
+    normal, friction: normal and friction force on each node, shape (T, N)
 
     Attributes
     ----------
-    ground: places of the nodes in the ground frame, shape (T, N, 2)
-    normals, tangents: of the object at each node, shape (T, N, 2)
-    depth: normal force that the gap of each node makes, shape (T, N)
-    held: friction that each node holds in the last step before a frame, shape (T, N)
+    ground: positions of the nodes in the ground frame, shape (T, N, 2)
+    normals, tangents: unit vectors of the object's surface at each node, shape (T, N, 2)
+    depth: normal force that follows from the penetration of each node, shape (T, N)
+    held: largest friction force µ·Fn that each node can hold, shape (T, N)
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class _Chain:
 
     @classmethod
     def told(cls, stored: Stored) -> Self:
-        """As a dataset has it."""
+        """Read positions and forces from the labels of the dataset."""
         column = {name: stored.markers[name].astype(float) for name in columns_of("chain").nodes}
         places = 1e-3 * np.stack([column["node_x_mm"], column["node_z_mm"]], axis=-1)
         return cls(
@@ -73,9 +73,9 @@ class _Chain:
 
     @classmethod
     def simulated(cls, stored: Stored) -> Self:
-        """As the scene simulated again has it.
+        """Take positions and forces from the scene simulated again.
 
-        What a law leaves open between two frames is as large here. So much is allowed.
+        Their deviations from the laws, due to the time between frames, set the tolerances.
         """
         states = [of_chain(sample.contact)[1].deformation for sample in stored.again]
         fields = [sample.contact.field for sample in stored.again]
@@ -90,7 +90,7 @@ class _Chain:
 
 
 def lawful_chain(stored: Stored) -> tuple[Table, Table]:
-    """Values of the columns of frames and markers that follow from others and from the scene."""
+    """Compute the values that the laws demand of the columns of frames and of markers."""
     own, scene, on = _Chain.told(stored), stored.scene, stored.markers["node_contact"]
     fields = [
         ForceField(
@@ -134,7 +134,7 @@ def lawful_chain(stored: Stored) -> tuple[Table, Table]:
 
 
 def _slips(own: _Chain, stored: Stored) -> NDArray[np.bool_]:
-    """Nodes that slip; those near the threshold as the frame's share says."""
+    """Determine the nodes that slip; near the threshold, `slipped_share` decides."""
     on, held = stored.markers["node_contact"], SLIPPING * stored.markers["node_mu"] * own.normal
     slips = on & (abs(own.friction) >= (1.0 + _NEAR) * held)
     either = on & (abs(own.friction) >= (1.0 - _NEAR) * held) & ~slips
@@ -145,7 +145,7 @@ def _slips(own: _Chain, stored: Stored) -> NDArray[np.bool_]:
 
 
 def _friction(own: _Chain, again: _Chain) -> Array:
-    """Friction by the Dahl law, from the frame before; or as told, where the law leaves it open."""
+    """Friction by the Dahl law from the previous frame; the stored value where it is open."""
     law = _dahl(own)
     open_to = 2.0 * abs(_dahl(again) - again.friction)
     # A node that came into contact since then began somewhere within the interval.
@@ -154,9 +154,9 @@ def _friction(own: _Chain, again: _Chain) -> Array:
 
 
 def _dahl(own: _Chain) -> Array:
-    """Friction by the Dahl law, along the way of the object over each node since the frame before.
+    """Friction by the Dahl law, for the path of the object over each node since the previous frame.
 
-    The way is taken as straight, and the normal force as growing evenly.
+    The path is assumed to be straight, and the normal force to change linearly along it.
     """
     law = np.zeros(own.friction.shape)
     for k in range(1, len(law)):
@@ -173,7 +173,7 @@ def _dahl(own: _Chain) -> Array:
 
 
 def wrong_chain(stored: Stored) -> Iterator[str]:
-    """Yield frames with forces beyond friction, or out of balance."""
+    """Yield messages on frames with friction outside its cone or forces out of balance."""
     own, again = _Chain.told(stored), _Chain.simulated(stored)
     # Tolerance of friction cones, as a share of the largest force, and at least [N].
     share, least = 1e-4, 1e-5
@@ -195,10 +195,10 @@ def wrong_chain(stored: Stored) -> Iterator[str]:
 
 
 def _unbalanced_nodes(own: _Chain, again: _Chain) -> Iterator[str]:
-    """Yield nodes on which springs and contact do not balance; there is no inertia.
+    """Yield nodes on which springs and contact do not balance; nodes have no inertia.
 
-    The dampers' forces follow from speeds that a dataset does not have: those of the simulation
-    are allowed.
+    A dataset has no speeds, so that damper forces are unknown. Those of the simulation are the
+    tolerance.
     """
     ch = own.chain
     stiff = ch.tissue.copy()
@@ -217,7 +217,7 @@ def _unbalanced_nodes(own: _Chain, again: _Chain) -> Iterator[str]:
 
 
 def _off(own: _Chain, stiff: Array) -> Array:
-    """Force on each node that neither springs nor contact hold [N], shape (T, N)."""
+    """Force on each node that springs and contact do not balance [N], shape (T, N)."""
     springs = np.stack([chain_forces(own.tip, seen) for seen in own.seen])
     applied = own.normal[..., None] * own.normals + own.friction[..., None] * own.tangents
     off = np.linalg.norm(applied - springs, axis=-1)
@@ -228,11 +228,11 @@ def _off(own: _Chain, stiff: Array) -> Array:
 
 
 def _impulses(own: _Chain, drive: Array, period: float) -> Array:
-    """Missing impulses, see below, of a drive along x and z [N], shape (T, 2).
+    """Unbalanced mean forces along x and z, see `missing_impulses` [N], shape (T − 1, 2).
 
     Grip, load, contact and dampers to ground act on fingertip and object; there is no inertia. The
-    object's shape turns contact forces into x and z; of a surface that stays the object feels
-    friction alone.
+    normals of the object resolve contact forces along x and z. An object with `surface = "stays"`
+    receives friction only.
     """
     travel = np.array([ct.travel for ct in own.contacts])
     pressed = (own.normal[..., None] * own.normals).sum(axis=1)
@@ -249,14 +249,14 @@ def _impulses(own: _Chain, drive: Array, period: float) -> Array:
 
 
 def missing_impulses(on: Array, at: Array, period: float) -> Array:
-    """Mean force over each interval that dampers do not take up [N], shape (T − 1, 2).
+    """Mean force in each interval between frames that dampers do not balance [N], (T − 1, 2).
 
-    The force of a damper follows from the motion between two frames, so that impulses over each
-    interval are compared.
+    The mean force of a damper follows from the motion between two frames, so that impulses over
+    each interval are compared.
 
     Parameters
     ----------
-    on: forces along x and z but for dampers [N], shape (T, 2)
+    on: forces along x and z except those of dampers [N], shape (T, 2)
     at: impulse of the dampers since the start [N·s], shape (T, 2)
     period: time between frames [s]
     """
@@ -264,12 +264,13 @@ def missing_impulses(on: Array, at: Array, period: float) -> Array:
 
 
 def unbalanced_impulses(drive: Array, own: Array, again: Array) -> Iterator[str]:
-    """Yield frames with an interval before them in which forces do not balance.
+    """Yield a message on the first interval between frames in which forces do not balance.
 
     Parameters
     ----------
     drive: load and grip of each frame [N], shape (T, 2)
-    own, again: missing impulses of what is stored, and of the scene simulated again
+    own, again: result of `missing_impulses` for the stored labels, and for the scene simulated
+        again [N], shape (T − 1, 2)
     """
     balance = 0.05  # tolerance of the balance of forces, as a share of the largest grip or load
     slack = balance * abs(drive).max()

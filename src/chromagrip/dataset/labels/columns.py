@@ -1,4 +1,4 @@
-"""Table of the columns of a dataset: meaning, unit, and what `dataset check` holds each to."""
+"""Columns of a dataset: meaning, unit, and the law that `dataset check` compares each with."""
 
 from typing import NamedTuple
 
@@ -11,11 +11,11 @@ class Column(NamedTuple):
 
     Attributes
     ----------
-    meaning: meaning of its values
-    unit: unit of its values; empty for a number, a word or a flag
-    law: law from which its values follow, by the scene and other columns
-    tolerance: largest difference from the law, in its unit; not used for words and flags
-    share: further tolerance, as a share of the largest size in the column
+    meaning: meaning of the values
+    unit: unit of the values; empty for a pure number, a word or a flag
+    law: law by which the values follow from the scene and other columns
+    tolerance: largest difference from the law, in `unit`; not used for words and flags
+    share: further tolerance, as a share of the largest magnitude in the column
     missing: condition under which a value may be NaN; empty: never
     """
 
@@ -33,8 +33,9 @@ class Columns(NamedTuple):
     Attributes
     ----------
     frame: columns of `frames.parquet`, a value for each frame
-    markers: columns of `markers.parquet` with lists of 2M, layer 0 (magenta) first, or of M
-    nodes: columns of `markers.parquet` with lists of the N nodes of the body
+    markers: columns of `markers.parquet` with a list of all 2M markers, magenta layer first, or of
+        the M pairs
+    nodes: columns of `markers.parquet` with a list of the N nodes of the body
     """
 
     frame: dict[str, Column]
@@ -44,10 +45,10 @@ class Columns(NamedTuple):
 
 #: Values of the column `slip_state`.
 STATES = ("none", "stick", "incipient", "gross")
-#: Labels of every pixel that only a dome has.
+#: Names of the labels of every pixel that only a dome has.
 DOME_TRUTH = ("traction", "contact")
 
-# Laws name the columns that they start from, so that a message names all that may be wrong.
+# Laws name the columns that they use, so that a message names every column that may be wrong.
 _GRID = "the frame grid"
 _AGAIN = "the scene simulated again"
 _SUM = "the sum over node_normal_n and the nodes' friction where node_contact"
@@ -68,7 +69,7 @@ _READ = "the picture, read again"
 _NO_CONTACT, _NO_MARKER = "without contact", "where the marker is missing"
 _NO_ESTIMATE = "where the reading has no estimate of it"
 
-#: Columns of a frame of any body.
+#: Columns of a frame, for any body.
 COMMON = {
     "frame": Column("number in the sequence", "", _GRID),
     "time_s": Column("instant", "s", _GRID, 1e-9),
@@ -129,7 +130,7 @@ _DOME_FRAME = COMMON | {
     "object_turn_y_rad": Column("the same", "rad", _AGAIN, 1e-6),
     "object_turn_z_rad": Column("the same", "rad", _AGAIN, 1e-6),
 }  # fmt: skip
-#: Columns of the markers of a frame of any body.
+#: Columns of the markers of a frame, for any body.
 MARKERS = {
     "x_px": Column(
         "centroid of the marker's outline in the image, to the right (2M)",
@@ -214,21 +215,22 @@ _OF = {
 }
 
 
-#: Columns of estimates that no reading has: the frame's own, and lists of nodes.
+# A reading is a reconstructor's estimate from the pictures, stored next to the labels.
+#: Columns of `FORCES` that are not stored in a reading: the frame's own, and lists of nodes.
 _NOT_READ = ("frame", "time_s", "markers_seen", "node_normal_n", "node_friction_n")
-#: Start of the name of every column of a reading; what follows is the label's name.
+#: Prefix of the name of every column of a reading; the label's name follows.
 READ = "reading_"
-#: Columns of a reading, which are estimates and no labels, with those of `FORCES` that they are of.
+#: Column of `FORCES` for each column of a reading.
 READING = {
     READ + name.replace("torque", "torque_z"): name for name in FORCES if name not in _NOT_READ
 }
 
-#: Labels that a reading estimates, by the start of their names, and their units.
+#: Unit suffix of each label that a reading estimates, by the stem of its name.
 _ESTIMATED = {
     "normal": "_n", "friction": "_n", "mu": "", "margin": "", "limit_margin": "",
     "force_x": "_n", "force_y": "_n", "force_z": "_n", "torque_z": "_nmm",
 }  # fmt: skip
-#: Columns of an estimate's lower end, value and upper end, by the label that it is of.
+#: Columns of an estimate's lower bound, value and upper bound, by the estimated label.
 INTERVALS = {
     stem + unit: (f"{READ}{stem}_low{unit}", f"{READ}{stem}{unit}", f"{READ}{stem}_high{unit}")
     for stem, unit in _ESTIMATED.items()
@@ -236,7 +238,7 @@ INTERVALS = {
 
 
 def columns_of(body: Body, reading: bool = False) -> Columns:
-    """Columns of the tables of a sequence with that body, and with or without a reading."""
+    """Columns of a body's tables; with `reading`, also those of a reconstructor's estimates."""
     columns = _OF[body]
     if not reading:
         return columns
@@ -245,7 +247,7 @@ def columns_of(body: Body, reading: bool = False) -> Columns:
 
 
 def _read(name: str, kind: str, meaning: str) -> Column:
-    """Column of an estimate, of which `FORCES` has kind and meaning."""
+    """Column of a reading, with the kind and the meaning from `FORCES`."""
     unit = next((unit for end, unit in (("_nmm", "N·mm"), ("_n", "N")) if name.endswith(end)), "")
     missing = _NO_ESTIMATE if kind == "float64" else ""
     meaning = f"read from the picture: {meaning}"

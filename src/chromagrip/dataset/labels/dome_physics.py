@@ -1,4 +1,4 @@
-"""Laws of the labels of a dome: elasticity, depth, friction cones, the way of nodes, balance."""
+"""Laws that a dome's labels must obey: elasticity, depth, friction cones, slip, force balance."""
 
 from collections.abc import Iterator
 from typing import Self
@@ -22,21 +22,23 @@ Flags = NDArray[np.bool_]
 
 
 class _Dome:
-    """Places and forces of a sequence's nodes, in SI units.
+    """Positions and forces of a dome's N nodes in the T frames of a sequence, in SI units.
 
     Parameters
     ----------
-    stored: its scene
-    places: of the nodes, shape (T, N, 3)
-    middle, turns: place and rotation of the object, shapes (T, 3) and (T, 3, 3)
-    normal, areas, on, slips: of the nodes, shape (T, N)
-    direction, friction: of the nodes, shape (T, N, 3)
+    stored: labels and scene of the sequence
+    places: positions of the nodes, shape (T, N, 3)
+    middle, turns: position and rotation of the object, shapes (T, 3) and (T, 3, 3)
+    normal, areas: normal force and area of each node, shape (T, N)
+    on, slips: whether each node is in contact, and whether it slips, shape (T, N)
+    direction: unit direction of the normal force on each node, shape (T, N, 3)
+    friction: friction force on each node, shape (T, N, 3)
 
     Attributes
     ----------
-    seen: places in the object's own axes, shape (T, N, 3)
-    normals: of the object where a node is pressed, 0 elsewhere, shape (T, N, 3)
-    depth: normal force that the depth of each node makes, shape (T, N)
+    seen: positions of the nodes in the object's own axes, shape (T, N, 3)
+    normals: unit normals of the object at pressed nodes, 0 elsewhere, shape (T, N, 3)
+    depth: normal force that follows from the penetration of each node, shape (T, N)
     """
 
     def __init__(
@@ -58,7 +60,7 @@ class _Dome:
 
     @classmethod
     def told(cls, stored: Stored) -> Self:
-        """As a dataset has it."""
+        """Read positions and forces from the labels of the dataset."""
         markers = stored.markers
         turns = stored.vectors("object_turn_{}_rad")
         return cls(
@@ -76,9 +78,9 @@ class _Dome:
 
     @classmethod
     def simulated(cls, stored: Stored) -> Self:
-        """As the scene simulated again has it; far from the object nodes are at rest.
+        """Take positions and forces from the scene simulated again; far nodes are at rest.
 
-        What a law leaves open is as large here. So much is allowed.
+        Their deviations from the laws set the tolerances.
         """
         states = [of_dome(sample.contact)[1] for sample in stored.again]
         fields = [sample.contact.field for sample in stored.again]
@@ -100,7 +102,7 @@ class _Dome:
         )
 
     def field(self, k: int) -> ForceField:
-        """Contact forces of a frame."""
+        """Contact forces of frame k."""
         return ForceField(
             position=self.places[k],
             normal=self.normal[k],
@@ -112,7 +114,7 @@ class _Dome:
 
 
 def lawful_dome(stored: Stored) -> tuple[Table, Table]:
-    """Values of the columns of frames and markers that follow from others and from the scene."""
+    """Compute the values that the laws demand of the columns of frames and of markers."""
     own = _Dome.told(stored)
     fields = [own.field(k) for k in range(len(own.on))]
     frames = lawful_frames(stored, fields, own.slips)
@@ -141,6 +143,7 @@ def lawful_dome(stored: Stored) -> tuple[Table, Table]:
 
 
 def _markers(own: _Dome, stored: Stored) -> Table:
+    """Compute the values that the laws demand of the columns of markers and nodes."""
     pressed, again = own.normal > 0.0, _Dome.simulated(stored)
     whole = np.maximum(own.normal.sum(axis=1, keepdims=True), 1e-9)
     # Nodes with less than this share of all force may count as in contact or not.
@@ -170,23 +173,23 @@ def _markers(own: _Dome, stored: Stored) -> Table:
 
 
 def _open(told: Array, law: Array, apart: Array) -> Array:
-    """Values of a law, or those told where it leaves them open: it is so far apart elsewhere."""
+    """Clip stored values to those by a law ± twice `apart`, the deviation in the simulation."""
     return np.clip(told, law - 2.0 * abs(apart), law + 2.0 * abs(apart))
 
 
 def _across(forces: Array, direction: Array) -> Array:
-    """Part of the silicone's forces that friction is; stiffening is along the normal alone."""
+    """Part of the silicone's forces across `direction`: friction, as stiffening acts along it."""
     return np.asarray(forces - direction * (forces * direction).sum(axis=-1, keepdims=True))
 
 
 def _carried(own: _Dome, loaded: Flags) -> Array:
-    """Forces that displace the loaded nodes as they are displaced [N], shape (T, N, 3).
+    """Solve for the forces that displace the loaded nodes as stored [N], shape (T, N, 3).
 
-    They are those of the linear silicone, which the skin elsewhere and all markers follow.
+    They act on the linear silicone and determine the displacement of all other nodes and markers.
 
     Parameters
     ----------
-    loaded: nodes on which it has forces, shape (T, N)
+    loaded: whether each node carries a force, shape (T, N)
     """
     rest, field = lattice(own.body).points, skin_field(own.body)
     forces = np.zeros(own.places.shape)
@@ -210,7 +213,7 @@ def _carried(own: _Dome, loaded: Flags) -> Array:
 
 
 def wrong_dome(stored: Stored, driven: bool) -> Iterator[str]:
-    """Yield frames with forces beyond friction, nodes that move against it, or out of balance.
+    """Yield messages on frames whose forces or motion violate friction or balance.
 
     Parameters
     ----------
@@ -229,6 +232,7 @@ def wrong_dome(stored: Stored, driven: bool) -> Iterator[str]:
 
 
 def _wrong_forces(own: _Dome, k: int, mu: float) -> Iterator[str]:
+    """Yield messages on node forces of frame k that violate sign, cone or direction."""
     normal, direction, friction, on = own.normal[k], own.direction[k], own.friction[k], own.on[k]
     # Tolerance of directions and of friction across them, as a share of the sum of all forces, and
     # at least [N].
@@ -256,10 +260,10 @@ def _wrong_forces(own: _Dome, k: int, mu: float) -> Iterator[str]:
 
 
 def _wrong_way(own: _Dome, k: int) -> Iterator[str]:
-    """Yield nodes whose way over the object since frame k − 1 is not that of friction.
+    """Yield messages on nodes whose path over the object since frame k − 1 contradicts friction.
 
-    A node that sticks stays where it is on the object, but for the way in which Dahl friction
-    grows; one that slips is held back by its friction.
+    A sticking node keeps its place on the object, except for the presliding of Dahl friction. On a
+    slipping node friction opposes the slip.
     """
     normal, slips, direction = own.normal, own.slips, own.direction[k]
     moved = (own.seen[k] - own.seen[k - 1]) @ own.turns[k].T
@@ -286,11 +290,11 @@ def _wrong_way(own: _Dome, k: int) -> Iterator[str]:
 
 
 def presliding(solid: Solid, pressure: Array) -> Array:
-    """Longest way of a node over an object while it sticks [m]: Dahl friction from −µp to 0.98 µp.
+    """Longest path of a sticking node over an object [m]: Dahl friction from −µp to 0.98 µp.
 
     Parameters
     ----------
-    pressure: on the nodes [Pa], (N,)
+    pressure: pressure p on the nodes [Pa], (N,)
     """
     n, limit = solid.dahl_exponent, solid.friction * pressure / solid.dahl_stiffness
     if n == 1.0:
@@ -299,7 +303,7 @@ def presliding(solid: Solid, pressure: Array) -> Array:
 
 
 def _unbalanced(stored: Stored) -> Iterator[str]:
-    """Yield frames in which grip, load, contact and dampers to ground do not balance."""
+    """Yield messages on frames in which grip, load, contact and dampers do not balance."""
     column, scene, again = stored.frames, stored.scene, stored.again
     drags = np.array([scene.object.drag_n_s_per_m, PRESS_DRAG])
 

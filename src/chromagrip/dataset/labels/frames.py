@@ -1,4 +1,4 @@
-"""Labels of a sequence, whose body is a chain or silicone."""
+"""Labels of the frames of a sequence with a chain or a silicone body."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -22,7 +22,7 @@ from .shot import SLIPPING, Shot, common_values, marker_labels
 
 Array = NDArray[np.float64]
 Labels = dict[str, NDArray[Any]]
-#: Values of a frame, labels of its nodes, and labels of its markers that the body adds.
+#: Values of a frame, labels of its nodes, and body-specific labels of its markers.
 Own = tuple[dict[str, float | int | str], Labels, Labels]
 
 
@@ -40,8 +40,8 @@ def labelled(
     scene: scene of the run
     samples: samples of the run, with their truth
     sensor: sensor that takes the pictures
-    truth: names of labels of every pixel
-    clean: whether the pictures are without noise
+    truth: names of the per-pixel labels to compute
+    clean: whether to take the pictures without noise
     """
     design, camera = sensor.design, sensor.camera
     own = _OWN[scene.body](scene)
@@ -65,11 +65,11 @@ def labelled(
 
 
 def _of_chain(scene: Scene, tip: Fingertip, carry: Callable[[Array], Array], sample: Sample) -> Own:
-    """Labels of a frame of the node model; both layers of markers lie under the same forces.
+    """Labels of a frame of a chain; the forces at both markers of a pair are the same.
 
     Parameters
     ----------
-    carry: from forces of nodes to those at markers
+    carry: map from forces on nodes to forces at markers
     """
     contact, field = sample.contact, sample.contact.field
     _, state, _ = of_chain(contact)
@@ -87,10 +87,10 @@ def _of_chain(scene: Scene, tip: Fingertip, carry: Callable[[Array], Array], sam
 
 
 def _of_dome(dome: SoftBody, sample: Sample) -> Own:
-    """Labels of a frame of silicone."""
+    """Labels of a frame of a silicone body."""
     contact, areas = sample.contact, lattice(dome).areas
     _, state, _ = of_dome(contact)
-    # Near the object its nodes are where they were solved for.
+    # Near the object, take the solved positions of nodes.
     places = lattice(dome).points + skin_field(dome)(state.carried)
     places[state.near] = contact.field.position[state.near]
     field = replace(contact.field, position=places)
@@ -140,7 +140,7 @@ _OWN: dict[Body, Callable[[Scene], Callable[[Sample], Own]]] = {
 def _images(
     pixels: TruthMap, names: tuple[str, ...], sensor: TactileSensor, scene: Scene
 ) -> Labels:
-    """Labels of every pixel: `traction` [Pa], (H, W, 3), and `contact`, (H, W), are a dome's."""
+    """Compute per-pixel labels; only a dome has `traction` [Pa], (H, W, 3), and `contact`."""
     drive = sensor.data.contact.state.carried
     plain = [name for name in names if name not in ("traction", "contact")]
     images: Labels = dict(pixels.images(plain, sensor.camera.membrane(drive), drive))
@@ -154,10 +154,11 @@ def _images(
 
 @lru_cache(maxsize=1)
 def skin_field(dome: SoftBody) -> SkinField:
-    """How forces on silicone displace its skin; kept for the next frame."""
+    """Map from forces on silicone to displacements of its skin; cached for the next frame."""
     return SkinField(dome)
 
 
 @lru_cache(maxsize=1)
 def _truth_map(sensor: str, body: int | SoftBody) -> TruthMap:
+    """Make the per-pixel labeller of a sensor; cached for the next sequence."""
     return TruthMap(load_sensor(sensor), body)

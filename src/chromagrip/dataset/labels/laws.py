@@ -1,4 +1,4 @@
-"""Comparison of the columns of a sequence with what their laws say, and laws of any body."""
+"""Comparison of a sequence's columns with physical laws, and the laws that hold for any body."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class Stored:
 
     @property
     def times(self) -> Array:
-        """Instants of the frames by the frame grid [s], shape (T,)."""
+        """Times of the frames by the frame rate [s], shape (T,)."""
         return np.asarray(np.arange(self.scene.frames) * self.scene.period, np.float64)
 
     @property
@@ -48,13 +48,13 @@ class Stored:
         return np.array([(sample.load, sample.applied) for sample in self.again])
 
     def vectors(self, name: str) -> Array:
-        """Columns x, y and z of a name with a hole for the axis, shape (T, …, 3)."""
+        """Stack the columns of x, y and z, from a name with {} for the axis, shape (T, …, 3)."""
         table = self.markers if name.format("x") in self.markers else self.frames
         return np.stack([table[name.format(axis)].astype(float) for axis in "xyz"], axis=-1)
 
 
 def missing(columns: dict[str, Column], stored: Table) -> Iterator[str]:
-    """Yield columns with values that are NaN or infinite where they never are."""
+    """Yield messages on columns with NaN or infinite values that must be finite."""
     for name, column in columns.items():
         if stored[name].dtype.kind == "f" and not column.missing:
             for at in np.argwhere(~np.isfinite(stored[name]))[:1]:
@@ -62,7 +62,7 @@ def missing(columns: dict[str, Column], stored: Table) -> Iterator[str]:
 
 
 def differences(columns: dict[str, Column], stored: Table, lawful: Table) -> Iterator[str]:
-    """Yield columns that are further from their laws than their tolerance; first cell of each.
+    """Yield a message on each column that violates its law, with the first such cell.
 
     Parameters
     ----------
@@ -86,26 +86,27 @@ def differences(columns: dict[str, Column], stored: Table, lawful: Table) -> Ite
 
 
 def _cell(name: str, at: NDArray[np.intp]) -> str:
-    """Name of a cell: its frame, its column, and its number where it is in a list."""
+    """Name of a cell: frame, column, and index in a list if it is in one."""
     return f"frame {at[0]}: {name}" + "".join(f"[{number}]" for number in at[1:])
 
 
 def _shown(value: Any) -> str:
+    """Format a value for a message."""
     return f"{value:.6g}" if isinstance(value, float | np.floating) else str(value)
 
 
 def lawful_frames(stored: Stored, fields: list[ForceField], slips: NDArray[np.bool_]) -> Table:
-    """Values of the columns that frames of any body have.
+    """Compute the values that the laws demand of the frame columns of any body.
 
-    `lateral_displacement_mm` counts slip in every step of the simulation, of which a dataset keeps
-    one a frame. So it is compared with the scene simulated again, as are the drive and the way of
-    the object under it. That takes 2 to 20 ms a frame, less than pictures took. Everything else
-    follows from the scene and from other columns, without simulation.
+    `lateral_displacement_mm` needs every step of the simulation, and a dataset stores one per
+    frame. So it is compared with the scene simulated again, as are the drive and the motion of the
+    object. That takes 2 to 20 ms per frame, less than rendering. Everything else follows from the
+    scene and other columns.
 
     Parameters
     ----------
-    fields: contact forces of each frame, of the columns of its nodes
-    slips: nodes in contact that slip, shape (T, N)
+    fields: contact forces of each frame, from the columns of its nodes
+    slips: whether each node is in contact and slips, shape (T, N)
     """
     frames, again = stored.frames, stored.again
     mu = np.array([sample.contact.friction for sample in again])
@@ -139,19 +140,19 @@ def lawful_frames(stored: Stored, fields: list[ForceField], slips: NDArray[np.bo
 
 
 def impossible(frames: Table) -> Iterator[str]:
-    """Yield frames whose friction holds more than it can."""
+    """Yield a message on the first frame whose margin Γ is negative."""
     over = 1e-3  # Γ may be below 0 by this much in gross slip, where friction is found by iteration
     for k in np.flatnonzero(frames["margin"] < -over)[:1]:
         yield f"frame {k}: margin is {frames['margin'][k]:.3g}: friction holds more than it can"
 
 
 def lawful_markers(stored: Stored, body: int | SoftBody, carried: list[Array]) -> Table:
-    """Values of the columns of markers, of this specimen under what carries its skin.
+    """Compute the values that the laws demand of the marker columns, from the motion of the skin.
 
     Parameters
     ----------
-    body: number of nodes of a chain, or silicone
-    carried: of each frame what a membrane map takes: displacements of a chain's nodes [m], (N, 2),
+    body: number of nodes of a chain, or silicone body
+    carried: input of the membrane map in each frame: displacements of a chain's nodes [m], (N, 2),
         or forces on the silicone [N], (N, 3)
     """
     scene, design = stored.scene, stored.scene.build_sensor()
@@ -186,7 +187,7 @@ def lawful_markers(stored: Stored, body: int | SoftBody, carried: list[Array]) -
 def _specimen(
     sensor: str, body: int | SoftBody, defects: Defects, seed: int
 ) -> Callable[[Array], Membrane]:
-    """Membrane of a specimen for what carries its skin."""
+    """Membrane map of a specimen: the sensor with its manufacturing defects."""
     design = load_sensor(sensor)
     flaws = Flaws(design, defects, seed)
     mapped = map_of(design, body, flaws.places)

@@ -1,6 +1,6 @@
 """Estimates of a reconstructor from the pictures of a sequence: a baseline next to the labels.
 
-It gets the pictures, the picture at rest, the design of the sensor and the camera's noise.
+The reconstructor receives the pictures, the picture at rest, the sensor design and the noise level.
 """
 
 import math
@@ -47,7 +47,7 @@ def with_readings(
     reconstructor: name of the reconstructor; `auto`: the one for the scene's body
     rest: picture of the unloaded sensor
     shots: frames with their labels
-    noisy: function that gives the camera's picture of a frame
+    noisy: function that returns the picture of a frame with noise
     """
     with one_thread():
         read = _reader(scene, reconstructor, rest)
@@ -57,7 +57,7 @@ def with_readings(
 
 
 def read_again(scene: Scene, reconstructor: str, rest: Image, images: Iterable[Image]) -> Table:
-    """Columns of a reading of a sequence's pictures, with noise; arguments as above."""
+    """Estimate again from a sequence's noisy pictures; arguments as in `with_readings`."""
     with one_thread():
         read = _reader(scene, reconstructor, rest)
         rows = [
@@ -68,7 +68,7 @@ def read_again(scene: Scene, reconstructor: str, rest: Image, images: Iterable[I
 
 
 def _reader(scene: Scene, reconstructor: str, rest: Image) -> Callable[[Frame], Values]:
-    """Reads frames one after the other; of a sensor that cannot be read it says why."""
+    """Make a function that estimates from successive frames, or reports why the sensor cannot."""
     try:
         known, method = known_sensor(scene), reconstructor_for(scene.body, reconstructor)
         reader = Reader(
@@ -91,7 +91,7 @@ def _reader(scene: Scene, reconstructor: str, rest: Image) -> Callable[[Frame], 
 
 
 def _values(row: Row) -> Values:
-    """Values by column of `READING`: NaN for a number that a row does not have."""
+    """Values of a row by column of `READING`; NaN for a missing number."""
     values: Values = {}
     for name, of in READING.items():
         value = row.get(of)
@@ -103,11 +103,11 @@ def _values(row: Row) -> Values:
 
 
 def reading_lines(reconstructor: str, tables: "Iterable[pa.Table]") -> list[str]:
-    """Lines of a card on the estimates for frames in contact; empty without estimates.
+    """Lines of the dataset card on the errors of the estimates; empty without a reconstructor.
 
     Parameters
     ----------
-    reconstructor: reconstructor that the recipe names
+    reconstructor: name of the reconstructor in the recipe
     tables: table of the frames of each sequence
     """
     if not reconstructor:

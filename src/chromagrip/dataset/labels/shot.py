@@ -25,9 +25,10 @@ class Shot:
     ----------
     image: picture of the camera, RGB, shape (H, W, 3)
     values: values of the frame, by column
-    markers: values of markers by column, the first layer's first, shape (2M,) or (M,)
+    markers: values of the markers, by column, magenta layer first, shape (2M,), or of the pairs,
+        shape (M,)
     nodes: values of the body's nodes, by column, shape (N,)
-    truth: labels of every pixel in the recipe, by name; see `GroundTruth`
+    truth: per-pixel labels that the recipe names, by name; see `GroundTruth`
     """
 
     image: Image
@@ -45,8 +46,8 @@ def common_values(
     Parameters
     ----------
     sample: sample of the frame
-    grip, load: grip and load of the drive on the object [N]
-    slips: nodes in contact that slip, shape (N,)
+    grip, load: grip and load that the drive exerts on the object [N]
+    slips: whether each node is in contact and slips, shape (N,)
     """
     truth = sample.contact
     field, contact = truth.field, truth.field.contact

@@ -1,4 +1,4 @@
-"""Tables of labels: Parquet files whose Arrow types follow from the columns."""
+"""Parquet tables of labels; their Arrow types follow from the columns."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -35,7 +35,7 @@ def frame_types(columns: Columns) -> "dict[str, pa.DataType]":
 
 
 def marker_types(columns: Columns) -> "dict[str, pa.DataType]":
-    """Arrow type of each column of `markers.parquet`; lists of a row have any one length."""
+    """Arrow type of each column of `markers.parquet`; lists have no fixed length."""
     pa = need("pyarrow", "data")
     lists = (*columns.markers, *columns.nodes)
     flags = ("visible", "node_contact", "node_slips")
@@ -45,7 +45,7 @@ def marker_types(columns: Columns) -> "dict[str, pa.DataType]":
 
 
 def frame_table(rows: list[Shot], columns: Columns) -> "pa.Table":
-    """Table of the frames' values."""
+    """Arrow table of the values of frames, one row per frame."""
     pa = need("pyarrow", "data")
     made = {
         name: pa.array([row.values[name] for row in rows], kind)
@@ -55,7 +55,7 @@ def frame_table(rows: list[Shot], columns: Columns) -> "pa.Table":
 
 
 def marker_table(rows: list[Shot], columns: Columns) -> "pa.Table":
-    """Table of the frames' markers and nodes, as lists."""
+    """Arrow table of markers and nodes, one row of lists per frame."""
     pa = need("pyarrow", "data")
     made = {"frame": pa.array([int(row.values["frame"]) for row in rows], pa.int32())}
     for name in columns.markers:
@@ -67,7 +67,7 @@ def marker_table(rows: list[Shot], columns: Columns) -> "pa.Table":
 
 
 def _lists(values: list[Any]) -> "pa.Array":
-    """Lists of one length; numbers in single precision, which resolves 0.05 nm and 0.00006 px."""
+    """Arrow array of equally long lists; float32 resolves 0.05 nm and 0.00006 px."""
     pa = need("pyarrow", "data")
     stacked = np.stack(values)
     flat = stacked.ravel() if stacked.dtype == bool else stacked.astype(np.float32).ravel()
@@ -75,12 +75,13 @@ def _lists(values: list[Any]) -> "pa.Array":
 
 
 def _with_meaning(table: "pa.Table", columns: dict[str, Column]) -> "pa.Table":
+    """Store the meaning of each column in the table's metadata."""
     meaning = {name: of.meaning.encode() for name, of in columns.items()}
     return table.replace_schema_metadata(meaning)
 
 
 def to_parquet(table: "pa.Table") -> bytes:
-    """Bytes of a Parquet file."""
+    """Write a table as the bytes of a Parquet file."""
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     # Numbers do not repeat, but their signs and exponents do: bytes of equal rank lie together.
     split = [
@@ -98,19 +99,19 @@ def to_parquet(table: "pa.Table") -> bytes:
 def read_table(
     path: Path, rows: int, types: "Mapping[str, pa.DataType]", others: bool = False
 ) -> "pa.Table":
-    """Read columns of a Parquet file; its metadata are checked before it is decoded.
+    """Read columns of a Parquet file; check its metadata before decoding.
 
     Parameters
     ----------
     path: path of the file
     rows: required number of rows
-    types: types of the columns to read, in which no value may be missing
-    others: whether all other columns are read too, of any type
+    types: types of the columns to read; none of their values may be missing
+    others: whether to read all other columns too, of any type
 
     Raises
     ------
     UserError
-        When the file is damaged, too large for the memory, or has other rows, columns or types.
+        When the file is damaged or too large, or has the wrong number of rows, columns or types.
     """
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     try:
@@ -133,12 +134,12 @@ def read_table(
 
 
 def damaged(path: Path, reason: str) -> UserError:
-    """Refusal of a damaged file of a dataset."""
+    """Make the error for a damaged file of a dataset."""
     return UserError(f"{path} is damaged: {reason}; {MEND}")
 
 
 def _check_size(path: Path, metadata: Any) -> None:
-    """Refuse a table that takes more memory than a sequence does; a small file may say so."""
+    """Refuse a table that would need too much memory; a small file may decode to a large table."""
     size = 0
     width = 4  # bytes of a value in memory, about
     for group in map(metadata.row_group, range(metadata.num_row_groups)):
@@ -151,7 +152,7 @@ def _check_size(path: Path, metadata: Any) -> None:
 
 
 def _check_column(path: Path, name: str, column: "pa.ChunkedArray", kind: "pa.DataType") -> None:
-    """Refuse a column of another type, with missing values, or with lists of several lengths."""
+    """Refuse a column with another type, missing values, or lists of different lengths."""
     pa, pc = need("pyarrow", "data"), need("pyarrow.compute", "data")
     own, missing = column.type, column.null_count
     if pa.types.is_list(kind) and (pa.types.is_list(own) or pa.types.is_fixed_size_list(own)):
@@ -168,7 +169,7 @@ def _check_column(path: Path, name: str, column: "pa.ChunkedArray", kind: "pa.Da
 
 
 def stacked(column: "pa.ChunkedArray") -> NDArray[Any]:
-    """Column of lists as an array, a row for each."""
+    """Convert a column of lists to an array with one list per row."""
     lists = column.combine_chunks()
     flat = lists.flatten().to_numpy(zero_copy_only=False)
     return np.asarray(flat.reshape(len(lists), -1))

@@ -1,1 +1,1 @@
-"""Forces of a dome by free tractions of its skin: two soft layers tell them without an object."""
+"""Forces of a dome by free tractions of its skin, which two moving layers of markers determine."""

@@ -1,9 +1,9 @@
 """Most probable forces on the nodes of a dome, from the whitened shifts of its markers.
 
 Forces are those that the linear skin carries. Traction is smooth (a Gaussian process along the
-skin) within a zone, and zero outside it. Nodes that would be pulled leave the zone, nodes beside it
-may join. The image is not linear in the forces: it is linearised at rest, and what is left of the
-shifts comes from the image itself.
+skin) within a zone, and zero outside. Nodes that would be pulled leave the zone, nodes next to it
+may join. The image is not linear in the forces: derivatives are those at rest, and residuals are
+computed from the full image model.
 """
 
 import math
@@ -30,8 +30,8 @@ class Frame:
 
     Attributes
     ----------
-    values: (x, y, log size) of both layers, shape (P, 6)
-    weights: of each pair; 0 for those that are not seen, shape (P,)
+    values: shifts (x, y, log size) of both layers, shape (P, 6)
+    weights: weight of each pair; 0 for invisible ones, shape (P,)
     """
 
     values: Array
@@ -49,14 +49,15 @@ class Tractions:
 
     Attributes
     ----------
-    nodes: in contact, shape (n,)
+    nodes: indices of the n nodes in contact, shape (n,)
     linear: forces that the linear skin carries on them [N], shape (n, 3)
-    common: changes of all log sizes of each layer, shape (2,)
-    factor: lower Cholesky factor of the information on `common` and `linear`, (2 + 3n, 2 + 3n)
-    weights: of each pair in the information, shape (P,)
-    misfit: mean squared residual of the shifts, in deviations
-    level: assumed variance of the noise over the tracker's
-    worst: largest median energy of the residuals of neighbouring pairs
+    common: common change of all log sizes of each layer, shape (2,)
+    factor: lower Cholesky factor of the information matrix of `common` and `linear`, shape
+        (2 + 3n, 2 + 3n)
+    weights: weight of each pair in it, shape (P,)
+    misfit: mean squared residual of the shifts over their variance
+    level: assumed variance of the noise over that of the tracker
+    worst: largest median squared residual of a pair and its neighbours
     """
 
     nodes: Index
@@ -69,7 +70,7 @@ class Tractions:
     worst: float
 
     def spread(self, slopes: Array) -> Array:
-        """Factor S of the covariance S·Sᵀ of values with slopes (k, n, 3) by `linear`."""
+        """Factor S of the covariance S·Sᵀ of k values with derivatives (k, n, 3) by `linear`."""
         whole = np.zeros((len(slopes), len(self.factor)))
         whole[:, len(self.common) :] = slopes.reshape(len(slopes), -1)
         half = scipy.linalg.solve_triangular(self.factor, whole.T, lower=True, check_finite=False)
@@ -82,12 +83,12 @@ class TractionFit:
     Parameters
     ----------
     dome: body
-    response: of its markers
-    beside: nodes next to each node, see `skin.neighbours`
-    places: of the pairs at rest on the skin [m], shape (P, 3)
+    response: response of its markers to forces
+    beside: neighbours of each node, see `skin.neighbours`
+    places: positions of the pairs on the skin at rest [m], shape (P, 3)
     noise: covariance of the pairs' shifts, shape (P, 6, 6)
-    prepared: nodes whose products are made at once, shape (n,)
-    settings: tuned numbers
+    prepared: nodes whose products are computed at construction, shape (n,)
+    settings: tuned parameters
     """
 
     def __init__(
@@ -118,7 +119,7 @@ class TractionFit:
         self._priors: dict[bytes, Array] = {}
 
     def frame(self, values: Array, seen: NDArray[np.bool_], noise: Array) -> Frame:
-        """Shifts of a frame (P, 6), of which pairs `seen` (P,) count, with their noise."""
+        """Make a Frame of shifts (P, 6), visible pairs (P,), and covariances of the shifts."""
         larger = (np.einsum("pii->pi", noise) / self._noise).mean(axis=1)
         weights = np.where(larger > self._settings.noisier, 1.0 / np.maximum(larger, 1.0), 1.0)
         return Frame(
@@ -126,7 +127,7 @@ class TractionFit:
         )
 
     def cost(self, frame: Frame) -> float:
-        """Sum of squares of the shifts in deviations, less their common changes of size."""
+        """Sum of squares of the whitened shifts, without common changes of size."""
         residual = self._whitened(frame.values)
         rows = np.arange(WhitenedMap.COMMON)
         columns = self._map.columns(rows).astype(np.float64)
@@ -136,13 +137,13 @@ class TractionFit:
         return float(weights @ residual**2 - moment @ np.linalg.solve(information, moment))
 
     def touched(self, frame: Frame, clearly: bool = False) -> bool:
-        """Whether some pairs beside each other have moved more than noise moves pairs."""
+        """Whether some group of neighbouring pairs has moved more than noise explains."""
         settings = self._settings
         most = float(self._energy(frame).max())
         return most > (settings.clearly if clearly else settings.touched)
 
     def _energy(self, frame: Frame) -> Array:
-        """Median energy of the shifts of pairs beside each other, over what noise has, (P,)."""
+        """Median squared shift of each pair and its neighbours, over that of noise, (P,)."""
         values, seen = frame.values.copy(), frame.weights > 0.0
         values[:, [2, 5]] -= np.median(values[seen][:, [2, 5]], axis=0)
         shifts = self._whitened(values).reshape(-1, 6)
@@ -152,11 +153,11 @@ class TractionFit:
         return _medians(energy[self._around]) / usual
 
     def fit(self, frame: Frame, start: Tractions | None) -> Tractions | None:
-        """Forces that explain a frame; None where no node is pressed.
+        """Fit forces to a frame; None if no node is pressed.
 
         Parameters
         ----------
-        start: forces of the frame before; None seeks them from rest
+        start: forces of the previous frame; None: start from rest
         """
         settings = self._settings
         if start is None:
@@ -179,7 +180,7 @@ class TractionFit:
         return found
 
     def answer(self, found: Tractions, change: Array) -> Array:
-        """Change of the forces (n, 3) that makes up for a change of what they show, (P, 6)."""
+        """Change of the forces (n, 3) that compensates a change of predicted shifts (P, 6)."""
         columns = self._map.columns(self._map.rows(found.nodes))
         weighted = np.repeat(found.weights, 6) * self._whitened(change)
         moment = columns @ weighted.astype(np.float32)
@@ -189,15 +190,15 @@ class TractionFit:
     def _round(
         self, frame: Frame, nodes: Index, linear: Array, common: Array, changes: int
     ) -> tuple[Tractions | None, float]:
-        """Step of Gauss–Newton, in which nodes leave and join the zone.
+        """Make a Gauss–Newton step, in which nodes leave and join the zone.
 
         Parameters
         ----------
-        changes: how often the forces are solved for, each time in another zone
+        changes: largest number of solutions, each for another zone
 
         Returns
         -------
-        The forces, and the root of the sum of squares of what they change the whitened shifts by.
+        New forces, and norm of the change of the whitened shifts.
         """
         settings = self._settings
         residual = self._residual(frame, nodes, linear, common)
@@ -206,7 +207,7 @@ class TractionFit:
         misfit = float(weighted @ residual) / frame.count
         level = float(np.clip(misfit, settings.lowest_level, settings.highest_level))
         energy = frame.weights * (residual.reshape(-1, 6) ** 2).sum(axis=1)
-        # Everything is first summed up for the zone and what is beside it.
+        # Compute all products once, for the zone and its neighbours.
         wide = self._with_beside(nodes) if changes > 1 else nodes
         rows = self._map.rows(wide)
         products = self._map.products(rows, weights)
@@ -253,7 +254,7 @@ class TractionFit:
         return np.asarray(~(pulled | (weak & slippery)))
 
     def _with_beside(self, nodes: Index) -> Index:
-        """Nodes and those beside them."""
+        """Nodes and their neighbours."""
         if len(nodes) > self._settings.most_nodes:
             return nodes
         reached = np.zeros(len(self._points) + 1, np.bool_)
@@ -263,14 +264,14 @@ class TractionFit:
     def _joined(
         self, wide: Index, zone: Index, solved: Array, moment: Array, products: Table, level: float
     ) -> Index:
-        """The zone with those nodes beside it that what is left of the shifts would press.
+        """Add those neighbours to the zone that the residual of the shifts would press.
 
         Parameters
         ----------
-        wide: nodes of the zone and beside it, shape (w,)
-        zone: places of the zone among them
-        solved: common changes of size, and the forces of the zone
-        moment, products: of all of `wide`
+        wide: nodes of the zone and their neighbours, shape (w,)
+        zone: indices of the zone among them
+        solved: common changes of size, and forces of the zone
+        moment, products: right-hand side and information matrix for all of `wide`
         """
         others = np.setdiff1d(np.arange(len(wide)), zone, assume_unique=True)
         if not len(others):
@@ -295,14 +296,14 @@ class TractionFit:
         )
 
     def _add_prior(self, information: Array, nodes: Index, level: float) -> None:
-        """Add the information of the prior to that of the shifts."""
+        """Add the prior to the information matrix of the shifts."""
         prior, count = level * self._inverse(nodes), WhitenedMap.COMMON
         for k in range(3):
             information[count + k :: 3, count + k :: 3] += prior
         information[np.arange(count), np.arange(count)] += level / self._settings.focus**2
 
     def _inverse(self, nodes: Index) -> Array:
-        """Information of the prior on one component of the forces on nodes [1/N²], (n, n)."""
+        """Information matrix of the prior for one component of the forces [1/N²], (n, n)."""
         settings = self._settings
         key = nodes.tobytes()
         found = self._priors.pop(key, None)
@@ -321,7 +322,7 @@ class TractionFit:
         return found
 
     def _residual(self, frame: Frame, nodes: Index, linear: Array, common: Array) -> Array:
-        """Residual of the shifts in deviations, shape (6·P,)."""
+        """Whitened residual of the shifts, shape (6·P,)."""
         left = frame.values - self._response(nodes, linear)
         left[:, [2, 5]] -= common
         return self._whitened(left)
@@ -330,9 +331,9 @@ class TractionFit:
         return np.asarray(np.einsum("pij,pj->pi", self._whiten, shifts).ravel())
 
     def _odd(self, residual: Array) -> Array:
-        """Weight of each pair, less than 1 for those that are unlike the pairs around them, (P,).
+        """Weight of each pair, (P,); less than 1 if its residual differs from its neighbours'.
 
-        Where a contact has moved on residuals are large, but those of neighbours are alike.
+        After motion of the contact, residuals are large but similar to those of neighbours.
         """
         size = np.sqrt((residual.reshape(-1, 6) ** 2).mean(axis=1))
         around = _medians(size[self._around[:, 1:]])
@@ -349,7 +350,7 @@ class TractionFit:
 
 
 def _medians(values: Array) -> Array:
-    """Median of each of a few numbers, (n, k), as `np.median` has it in ten times as long."""
+    """Median of each row of k values, (n, k); ten times as fast as `np.median`."""
     ordered, half = np.sort(values, axis=1), values.shape[1] // 2
     if values.shape[1] % 2:
         return ordered[:, half]
@@ -357,13 +358,13 @@ def _medians(values: Array) -> Array:
 
 
 def _unknowns(places: Index) -> Index:
-    """Places of common changes of size, and of the forces on nodes at places among others."""
+    """Indices of the unknowns: common changes of size, and forces of the nodes at `places`."""
     each = WhitenedMap.COMMON + 3 * places[:, None] + np.arange(3)
     return np.concatenate([np.arange(WhitenedMap.COMMON), each.ravel()])
 
 
 def _solved(information: Array, moment: Array) -> tuple[Array, Array]:
-    """Lower Cholesky factor of the information, which is lost, and the solution for a moment."""
-    # By LAPACK itself: the wrappers cost as much as the factor of a small zone.
+    """Lower Cholesky factor of the information, which is overwritten, and solution for a moment."""
+    # LAPACK is called directly: wrappers cost as much as the factorisation of a small zone.
     factor, _ = scipy.linalg.lapack.dpotrf(information.T, lower=1, clean=1, overwrite_a=1)
     return factor, scipy.linalg.lapack.dpotrs(factor, moment, lower=1)[0]

@@ -1,8 +1,8 @@
-"""µ from how the ratios of friction to normal force are spread over a contact.
+"""Estimate of µ from the distribution of the ratios of friction to normal force in a contact.
 
-Where the skin slips the ratio is µ, and anything below where it sticks. Slip begins at the rim and
-grows inwards as the load grows. So µ is the mean ratio of the part that slips, which has the
-largest ones; how large that part is follows from µ and the load, as of two balls.
+The ratio is µ where the skin slips, and smaller where it sticks. Slip begins at the rim and grows
+inwards with the load. So µ is the mean ratio of the slipping part, which has the largest ones. The
+size of that part follows from µ and the load, as for two spheres (Cattaneo, Mindlin).
 """
 
 import math
@@ -25,8 +25,8 @@ class Slip:
 
     Attributes
     ----------
-    friction: µ
-    deviation: of it, as a share
+    friction: estimate of µ
+    deviation: its relative standard deviation
     """
 
     friction: float
@@ -42,13 +42,13 @@ def read_slip(
     rim: float,
     settings: SlipSettings,
 ) -> Slip:
-    """µ of a contact.
+    """Estimate µ of a contact.
 
     Parameters
     ----------
-    nodes: in contact, shape (n,)
+    nodes: indices of the nodes in contact, shape (n,)
     normal, friction: forces on them [N], shapes (n,) and (n, 3)
-    load: size of the friction that counts in Γ [N]
+    load: magnitude of the friction that counts in Γ [N]
     rim: share of the normal force at the rim of the contact
     """
     points = lattice(dome).points[nodes] / (settings.smooth * dome.radius)
@@ -72,5 +72,5 @@ def read_slip(
 
 
 def _slipping(margin: float) -> float:
-    """Share of the normal force where two balls slip on each other at a Γ (Cattaneo, Mindlin)."""
+    """Share of the normal force in the slip zone of two spheres at a Γ (Cattaneo, Mindlin)."""
     return float((1.0 - max(margin, 0.0) ** (2.0 / 3.0)) ** 1.5)

@@ -1,6 +1,6 @@
-"""Whitened shifts of all markers by unit forces on nodes, and their products.
+"""Derivatives of all whitened shifts by forces on nodes, and the products of these derivatives.
 
-The products are made once for each node that comes near a contact. A frame then has only to gather
+The products are computed once for each node that comes near a contact. A frame then only gathers
 those of its zone.
 """
 
@@ -15,20 +15,20 @@ Index = NDArray[np.int64]
 
 
 class WhitenedMap:
-    """Whitened derivatives of one sensor's shifts by forces, node by node.
+    """Derivatives of one sensor's whitened shifts by forces, cached by node.
 
-    The first unknowns are not forces: they are common changes of all log sizes of a layer, as a
-    change of focus or light makes them.
+    The first unknowns are not forces, but common changes of all log sizes of a layer, due to focus
+    or light.
 
     Parameters
     ----------
-    response: of the markers
-    whiten: of each pair's shifts, to independent values, shape (P, 6, 6)
+    response: response of the markers to forces
+    whiten: matrices from each pair's shifts to independent values, shape (P, 6, 6)
     nodes: prepared nodes, shape (n,)
     most: largest number of nodes whose products are kept; above it all are computed again
     """
 
-    #: Number of unknowns that are no forces.
+    #: Number of unknowns that are not forces.
     COMMON = 2
 
     def __init__(
@@ -51,7 +51,7 @@ class WhitenedMap:
         self._gram = self._columns @ self._columns.T
 
     def rows(self, nodes: Index) -> Index:
-        """Places of the unknowns of nodes (n,) among the rows, (COMMON + 3n,), made if missing."""
+        """Row indices of the unknowns of n nodes, (COMMON + 3n,); missing rows are computed."""
         missing = [int(node) for node in nodes if int(node) not in self._slot]
         if missing:
             if len(self._nodes) + len(missing) > self._most:
@@ -63,11 +63,11 @@ class WhitenedMap:
         return np.concatenate([np.arange(self.COMMON), each.ravel()])
 
     def columns(self, rows: Index) -> Table:
-        """Whitened shifts for unit changes of unknowns, shape (len(rows), 6·P)."""
+        """Derivatives of the whitened shifts by unknowns, shape (len(rows), 6·P)."""
         return self._columns[rows]
 
     def products(self, rows: Index, weights: Array) -> Table:
-        """Products of the columns of unknowns, each pair with its weight (P,), (r, r)."""
+        """Products of the derivatives of r unknowns, with a weight (P,) for each pair, (r, r)."""
         whole = self._gram[rows[:, None], rows]
         less = np.flatnonzero(weights < 1.0)
         if len(less):
@@ -93,6 +93,6 @@ class WhitenedMap:
             self._nodes.append(int(node))
 
     def _whitened(self, shifts: Table) -> Table:
-        """Shifts (c, P, 6) whitened, shape (c, 6·P)."""
+        """Whiten shifts (c, P, 6), shape (c, 6·P)."""
         turned = np.matmul(self._whiten, shifts.transpose(1, 2, 0))  # (P, 6, c)
         return np.ascontiguousarray(turned.transpose(2, 0, 1)).reshape(len(shifts), -1)

@@ -1,8 +1,8 @@
 """Force field from tracks on a dome with two moving layers of markers: free tractions.
 
 Two soft layers at different depths show tractions of the skin almost where they act. So no object
-is fitted: pressing tractions within a zone that the markers show (`fit`) are parted into normal
-force and friction by the surface that the skin lies on (`skin`).
+is fitted. Tractions within a contact zone are fitted to the markers (`fit`), and split into normal
+force and friction by the normals of the surface that the skin touches (`skin`).
 """
 
 import math
@@ -31,13 +31,13 @@ Array = NDArray[np.float64]
 
 
 class TractionReading:
-    """Reads tractions off the tracks of one dome, frame after frame.
+    """Estimates tractions from the tracks of one dome, frame by frame.
 
     Parameters
     ----------
-    calibration: of the sensor
+    calibration: calibration of the sensor
     rest: tracks of the unloaded sensor
-    settings: tuned numbers
+    settings: tuned parameters
 
     Attributes
     ----------
@@ -77,14 +77,14 @@ class TractionReading:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the frames before: the next one is sought from rest."""
+        """Forget previous frames: the next one is fitted from rest."""
         self._last: Tractions | None = None
         self._friction = self._settings.usual_friction
         if self._silicone is not None:
             self._silicone.reset()
 
     def update(self, tracks: Tracks) -> ForceField:
-        """Force field of a frame.
+        """Estimate the force field of a frame.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class TractionReading:
         values, certain = self._shifts(tracks, self._settings.least_markers)
         noise = self._shifts.noise(tracks)
         if self._fit is None:
-            # Noise of markers hardly changes from frame to frame: that of the first one is kept.
+            # Marker noise hardly changes between frames: keep that of the first one.
             usual = np.median(noise[certain], axis=0)
             first = np.where(certain[:, None, None], noise, usual)
             places = self._shifts.sensor.shape.points(self._shifts.places[0], 0.0)
@@ -145,7 +145,7 @@ class TractionReading:
         if observable:
             self._friction = slip.friction
         else:
-            # Where nothing slips ratios say little, and a µ that is too large would be unsafe.
+            # Without slip, ratios hardly determine µ, and too large a µ would be unsafe.
             usual = min(slip.friction, self._friction)
             slip = Slip(friction=usual, deviation=max(slip.deviation, settings.unseen_error))
         points = lattice(self.dome).points
@@ -162,7 +162,7 @@ class TractionReading:
         totals = covariance[:2, :2] + np.diag(unsure**2)
         margin_deviation = _margin_deviation(slip, whole, load, totals, settings.margin_error)
         if self._silicone is not None:
-            # Errors that both sums and µ share leave Γ as it is: they are kept apart.
+            # Errors common to both sums and µ do not change Γ: treat them separately.
             more = self._calibrated(found, parted, before, slip, observable)
             covariance, totals = covariance + more[:6, :6], totals + more[:2, :2]
             margin_deviation = math.hypot(margin_deviation, math.sqrt(max(more[6, 6], 0.0)))
@@ -187,12 +187,12 @@ class TractionReading:
     def _calibrated(
         self, found: Tractions, parted: Parted, before: float, slip: Slip, observable: bool
     ) -> Array:
-        """Covariance that the calibration leaves, see `UnsureSilicone`, shape (7, 7).
+        """Covariance due to the uncertain calibration, see `UnsureSilicone`, shape (7, 7).
 
         Parameters
         ----------
-        before: µ that the forces were parted with
-        slip: what was read, or taken where µ is not `observable`
+        before: µ with which the forces were split
+        slip: estimate of µ, or the assumed one if µ is not `observable`
         """
         assert self._fit is not None
         assert self._silicone is not None
@@ -210,9 +210,9 @@ class TractionReading:
         return self._silicone(self._fit, self._response, found, sums, read)
 
     def _unsure_wrench(self, parted: Parted, unsure: float, narrow: float) -> Array:
-        """Covariance of force and torque about z that the unknown surface leaves, shape (4, 4).
+        """Covariance of force and torque about z due to the unknown surface, shape (4, 4).
 
-        Normals that are wrong change how much is stiffened, and where to.
+        Wrong normals change the size and the direction of the force that stiffening adds.
         """
         settings = self._settings
         out, whole = np.zeros((4, 4)), float(parted.normal.sum())
@@ -224,13 +224,13 @@ class TractionReading:
 
 
 def _across(parted: Parted) -> Array:
-    """Friction that counts in Γ [N], shape (3,), see `ForceField.net_friction`."""
+    """Friction vector that counts in Γ [N], shape (3,), see `ForceField.net_friction`."""
     whole, axis = parted.friction.sum(axis=0), parted.axis
     return np.asarray(whole - axis * (whole @ axis))
 
 
 def _sums(parted: Parted, points: Array, friction: float) -> Sums:
-    """Sums of forces on nodes at rest at points (n, 3), with a µ."""
+    """Sums of the forces on nodes with rest positions (n, 3), and Γ for a µ."""
     forces = parted.normal[:, None] * parted.directions + parted.friction
     x, y, _ = (points + parted.displacement).T
     net, whole = _across(parted), float(parted.normal.sum())
@@ -245,7 +245,7 @@ def _sums(parted: Parted, points: Array, friction: float) -> Sums:
 
 
 def _slopes(parted: Parted, net: Array, points: Array) -> Array:
-    """Slopes of ΣFn, ΣFf, Fx, Fy, Fz and Mz by the forces of the linear skin, shape (6, n, 3)."""
+    """Derivatives of ΣFn, ΣFf, Fx, Fy, Fz and Mz by the forces of the linear skin, (6, n, 3)."""
     directions = parted.directions
     side = net / max(float(np.linalg.norm(net)), 1e-12)
     axes = np.concatenate([side[None], np.eye(3)])
@@ -259,7 +259,7 @@ def _slopes(parted: Parted, net: Array, points: Array) -> Array:
 
 
 def _margin_deviation(slip: Slip, whole: float, load: float, totals: Array, least: float) -> float:
-    """Deviation of Γ from those of µ and the sums, at least about the last one."""
+    """Standard deviation of Γ from those of µ and the sums; `least` is its lower bound."""
     share = load / (slip.friction * whole)
     slope = np.array([share / whole, -1.0 / (slip.friction * whole)])
     sums = math.sqrt(max(float(slope @ totals @ slope), 0.0))
@@ -267,7 +267,7 @@ def _margin_deviation(slip: Slip, whole: float, load: float, totals: Array, leas
 
 
 def _on_all(points: Array, found: Tractions, values: NDArray[np.generic]) -> NDArray:  # type: ignore[type-arg]
-    """Values of the nodes in contact among those of all nodes, which are zero."""
+    """Expand values on the nodes in contact to all nodes, with zeros elsewhere."""
     out = np.zeros((len(points), *values.shape[1:]), values.dtype)
     out[found.nodes] = values
     return out

@@ -1,4 +1,4 @@
-"""Tuned numbers of the reconstructor `traction`, each with its unit and effect."""
+"""Tuned parameters of the reconstructor `traction`, each with its unit and effect."""
 
 import math
 from dataclasses import dataclass
@@ -6,35 +6,35 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class TractionFitSettings:
-    """Tuned numbers of the fit of tractions.
+    """Tuned parameters of the fit of tractions.
 
     Attributes
     ----------
-    amplitude: prior deviation of tractions over Young's modulus
+    amplitude: prior standard deviation of tractions over Young's modulus
     length: prior correlation length of tractions over the radius; longer gives smoother ones
     rough: share of the prior variance that is not smooth
-    focus: prior deviation of a common change of all log sizes of a layer
+    focus: prior standard deviation of a common change of all log sizes of a layer
     least_pressure: share of the largest pressure below which a node leaves the zone
     weak_pressure: share of it below which a node with more friction than `largest_ratio` leaves
-    largest_ratio: ratio of friction to pressure that no surface has
-    around: number of pairs whose energy is compared with noise together
-    touched: median energy of such pairs, over the usual one, above which something touches
-    clearly: the same beyond doubt
+    largest_ratio: largest plausible ratio of friction to pressure
+    around: number of pairs of a group, whose median squared shift is compared with noise
+    touched: median squared shift of a group, over the usual one, above which something touches
+    clearly: such a value above which this is certain
     joining: share of the largest pressure above which a node next to the zone joins it
-    rounds, few_rounds: largest number of rounds of Gauss–Newton, from rest and from the last frame
+    rounds, few_rounds: largest number of Gauss–Newton rounds, from rest and from the last frame
     changes, few_changes: largest number of changes of the zone in a round, for the same two
-    settled: size of the change of all whitened shifts below which rounds end; the derivative at
-        rest is off by a tenth of it
-    stuck: share of the misfit of the round before above which rounds end, if it is large
-    large: misfit that is large; nothing will explain it
-    kept_priors: number of zones whose prior is kept; more take memory, fewer time
-    odd: root mean square of a pair's residuals above which it weighs less [deviations], and over
-        that of the pairs around it
-    noisier: noise of a pair, over that in the first frame, above which it weighs less
-    moved: share of the largest energy of a pair's shift above which nodes under it may be touched
+    settled: norm of the change of all whitened shifts below which rounds end; the derivatives at
+        rest are wrong by a tenth of it
+    stuck: share of the previous misfit above which rounds end, if the misfit is large
+    large: misfit above which it is large and cannot be explained
+    kept_priors: number of zones whose prior is cached; more take memory, fewer take time
+    odd: RMS residual of a pair above which its weight is reduced [standard deviations, and over
+        that of the pairs around it]
+    noisier: noise of a pair, over that in the first frame, above which its weight is reduced
+    moved: share of the largest squared shift of a pair, above which nodes under it may be touched
     under: distance of such nodes from the pair [pitches of the nodes]
     lowest_level, highest_level: bounds of the variance of noise and model over the tracker's
-    elsewhere: median energy of a group of residuals above which the fit starts from rest again
+    elsewhere: median squared residual of a group above which the fit starts from rest again
     most_pairs: largest number of pairs whose nodes are considered from rest
     fewest_nodes, most_nodes: bounds of the number of nodes in contact
     """
@@ -72,22 +72,22 @@ class TractionFitSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class SkinSettings:
-    """Tuned numbers of the surface that parts forces into normal force and friction.
+    """Tuned parameters of the surface that splits forces into normal force and friction.
 
     Attributes
     ----------
-    beside: distance up to which nodes are next to each other [pitches]
-    softness: depth of an object per pressure [m³/N], here of one of 250 kPa; objects of 60 kPa to
-        1 MPa have a quarter to four times as much
-    roughness: deviation of the skin from a surface of two curvatures [m]
-    height: prior deviation of height over the radius
-    slope: prior deviation of slopes
-    curve: prior deviation of curvatures times the radius
+    beside: distance up to which nodes are neighbours [pitches]
+    softness: indentation of an object per pressure [m³/N], for 250 kPa; objects of 60 kPa to 1 MPa
+        have a quarter to four times as much
+    roughness: standard deviation of the skin from a surface of two curvatures [m]
+    height: prior standard deviation of its height over the radius
+    slope: prior standard deviation of its slopes
+    curve: prior standard deviation of its curvatures times the radius
     sharpest: largest curvature times the radius
-    upright: least slope of the surface towards its side
-    passes: number of times that forces are parted and the surface is fitted
+    upright: lower bound of 1 − g·z, which limits the slope towards the side of the surface
+    passes: number of times that forces are split and the surface is fitted
     rounds: number of rounds of that fit
-    least_pressure: share of the largest pressure that a node has at least in the fit
+    least_pressure: smallest pressure of a node in the fit, as a share of the largest
     """
 
     beside: float = 1.6
@@ -105,16 +105,16 @@ class SkinSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class SlipSettings:
-    """Tuned numbers of the estimate of µ.
+    """Tuned parameters of the estimate of µ.
 
     Attributes
     ----------
     smooth: distance over which forces are smoothed before their ratio, over the radius
-    rounds: number of rounds that find µ and the slipping part from each other
+    rounds: number of rounds that determine µ and the slipping part from each other
     fewest_nodes: smallest number of nodes of that part
-    least_error: smallest relative deviation of µ
-    sticking_error, sticking_power: relative deviation at Γ = 1, and the power of Γ it falls with
-    narrow_error: relative deviation of a contact that is all rim, falling with the cube of its
+    least_error: smallest relative error of µ
+    sticking_error, sticking_power: relative error at Γ = 1, and the power of Γ it falls with
+    narrow_error: relative error of a contact that is all rim, falling with the cube of the rim's
         share
     smallest, largest: bounds of µ
     """
@@ -132,14 +132,14 @@ class SlipSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class UnsureSettings:
-    """Tuned numbers for the covariance of a calibration's silicone.
+    """Tuned parameters for the effect of a calibration's uncertain silicone.
 
     Attributes
     ----------
-    highest_poisson: highest ν whose elasticity is solved for
-    changed: change of ΣFn, or of a component of the friction, as a share of ΣFn, after which slopes
-        are computed again
-    moved: the same of the place of the contact, over the radius
+    highest_poisson: largest ν for which the elasticity is solved
+    changed: change of ΣFn, or of a component of the friction, as a share of ΣFn, after which
+        derivatives are computed again
+    moved: such a change of the contact's position, over the radius
     """
 
     highest_poisson: float = 0.494
@@ -149,31 +149,31 @@ class UnsureSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class TractionSettings:
-    """Tuned numbers of `TractionReading`; errors are standard deviations.
+    """Tuned parameters of `TractionReading`; errors are standard deviations.
 
     Attributes
     ----------
-    least_markers: number of visible pairs below which no tractions are determined
-    reach: largest angle from the apex of the pairs that are read [rad]
+    least_markers: smallest number of visible pairs
+    reach: largest angle from the apex of the pairs that are used [rad]
     prepared: largest angle of the nodes prepared before the first frame [rad]; more take memory
-    misfit: mean squared residual above which a frame may be refused [squared deviations]
+    misfit: mean squared residual above which a frame may be refused [variances]
     residual_share: share of the shifts that tractions must also leave unexplained
     usual_friction: µ before one has been observed
     unseen_error: relative error of µ while it is not observable
     observed: relative error of µ below which it is observable
-    observable_margin: Γ from which on µ is not observable
-    rim_error: error of ΣFn by the unknown surface, over ΣFn and the squared share of the rim
-    misfit_error: the same over ΣFn and the misfit in excess of noise
+    observable_margin: margin Γ above which µ is not observable
+    rim_error: error of ΣFn due to the unknown surface, over ΣFn and the squared share of the rim
+    misfit_error: error of ΣFn over ΣFn and the misfit in excess of noise
     normal_error: smallest relative error of ΣFn
     stiffening_error: relative error of ΣFn per share that stiffening adds
-    depth_error: the same per depth of the press in thicknesses: silicone moves its markers more
-        than the linear one does
+    depth_error: relative error of ΣFn per depth of the press in thicknesses, as real silicone moves
+        its markers more than linear silicone
     friction_error: smallest relative error of ΣFf
     tilt_error: error of force across the normals, over the force that stiffening adds
     margin_error: smallest error of Γ
-    arm: smallest error of the place of the normal force over the radius
-    rim_arm: the same per squared share of the rim
-    fit, skin, slip, silicone: parts of the method
+    arm: smallest error of the position of the normal force over the radius
+    rim_arm: its increase per squared share of the rim
+    fit, skin, slip, silicone: settings of the parts of the method
     """
 
     least_markers: int = 40

@@ -1,8 +1,8 @@
-"""Uncertainty of tractions by a calibration, which knows the silicone to a covariance.
+"""Uncertainty of tractions due to the covariance of a calibration's silicone parameters.
 
-Young's modulus scales all forces. The other values change what forces show, and how they are
-parted. With a small error of one of them, the most probable forces are those that make up for the
-change of the shifts that it causes (to first order, within the same zone).
+Young's modulus scales all forces. The other parameters change the shifts due to forces, and the
+split into normal force and friction. For a small error of a parameter, the fitted forces change so
+that they compensate the change of the shifts (to first order, within the same zone).
 """
 
 from collections.abc import Callable
@@ -27,14 +27,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Sums:
-    """Sums of forces, and the place of a contact.
+    """Sums of forces, and position of a contact.
 
     Attributes
     ----------
     values: ΣFn, ΣFf, Fx, Fy, Fz [N] and Mz [N·m], shape (6,)
-    margin: Γ
-    net: friction that counts in Γ [N], shape (3,)
-    middle: of the normal forces at rest [m], shape (3,)
+    margin: margin Γ
+    net: friction vector that counts in Γ [N], shape (3,)
+    middle: mean rest position of the nodes, weighted by normal force [m], shape (3,)
     """
 
     values: Array
@@ -45,7 +45,7 @@ class Sums:
 
 @dataclass(frozen=True, kw_only=True)
 class _Other:
-    """Silicone with one value changed by `step`."""
+    """Silicone with one parameter changed by `step`."""
 
     step: float
     response: DomeResponse
@@ -53,14 +53,14 @@ class _Other:
 
 
 class UnsureSilicone:
-    """Carries the covariance of one calibration's silicone to what is read.
+    """Propagates the covariance of one calibration's silicone parameters to the estimates.
 
     Parameters
     ----------
-    calibration: of the sensor, with its covariance
+    calibration: calibration of the sensor, with its covariance
     rest: tracks of the unloaded sensor
-    pose: of the specimen's camera
-    settings: tuned numbers of the reconstructor
+    pose: pose of the specimen's camera
+    settings: tuned parameters of the reconstructor
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class UnsureSilicone:
         assert values is not None
         covariance = np.array(calibration.silicone_covariance)
         names = silicone_names(calibration.sensor)
-        # The last value is Young's modulus: its deviation counts as a share.
+        # The last parameter is Young's modulus: its deviation is relative.
         share = np.ones(len(names))
         share[-1] = values.young_kpa
         self._covariance = covariance / np.outer(share, share)
@@ -97,7 +97,7 @@ class UnsureSilicone:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the slopes that were found."""
+        """Forget the cached derivatives."""
         self._last: Sums | None = None
         self._slopes = np.zeros((7, len(self._covariance)))
 
@@ -113,10 +113,10 @@ class UnsureSilicone:
 
         Parameters
         ----------
-        fit: that found the forces
-        response: of the silicone as calibrated
-        found, sums: forces, and what is read off them
-        read: reads forces (n, 3) on the same nodes as they lie on a skin
+        fit: fit that found the forces
+        response: response of the markers with calibrated silicone
+        found, sums: fitted forces and their sums
+        read: function that sums forces (n, 3) on the same nodes after splitting them by a skin
         """
         if self._last is None or _far(self._last, sums, self._settings):
             self._last = sums
@@ -134,7 +134,7 @@ class UnsureSilicone:
 
 
 def _far(before: Sums, now: Sums, settings: UnsureSettings) -> bool:
-    """Whether a contact is another one than before."""
+    """Whether the contact has changed too much for the cached derivatives."""
     whole = before.values[0]
     off = np.append(now.net - before.net, now.values[0] - whole)
     away = np.linalg.norm(now.middle - before.middle)

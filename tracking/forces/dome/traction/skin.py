@@ -1,9 +1,9 @@
 """Normal force and friction on each node, from the forces that the linear skin carries.
 
-The object is not known, but the skin lies on it. Where nodes touch beside each other, a surface of
-two curvatures is fitted to the places that their forces move them to. Its normals part the forces,
-and the normal part is stiffened as the body's own is. How far the object itself is pressed in
-cannot be told from its curvature: both are round. So it is taken to be of usual softness.
+The object is not known, but the skin lies on it. A surface of two curvatures is fitted to the
+deformed positions of each patch of touching nodes. Its normals split the forces, and the normal
+part is stiffened like that of the body. The indentation of the object cannot be distinguished from
+its curvature, as both are round. So the object is assumed to have a usual softness.
 """
 
 import math
@@ -23,14 +23,14 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True)
 class Parted:
-    """Forces on n nodes in contact, along the object's normals and across them.
+    """Forces on n nodes in contact, split along the object's normals and across them.
 
     Attributes
     ----------
-    displacement: of the nodes [m], shape (n, 3)
-    directions: of the normal forces, away from the object, shape (n, 3)
-    normal: normal force [N], shape (n,)
-    friction: [N], shape (n, 3)
+    displacement: displacements of the nodes [m], shape (n, 3)
+    directions: unit vectors of the normal forces, away from the object, shape (n, 3)
+    normal: normal forces [N], shape (n,)
+    friction: friction forces [N], shape (n, 3)
     stiffening: factor on the linear skin's normal force, shape (n,)
     rim: share of the normal force that is on nodes at the rim of the contact
     """
@@ -55,7 +55,7 @@ class Parted:
 
 
 def neighbours(dome: Dome, settings: SkinSettings) -> Index:
-    """Nodes beside each node, itself among them, (N, K); filled up with N."""
+    """Indices of each node and its neighbours, (N, K), padded with N."""
     points = lattice(dome).points
     tree = scipy.spatial.KDTree(points)
     lists = [tree.query_ball_point(point, settings.beside * dome.spacing) for point in points]
@@ -66,12 +66,12 @@ def neighbours(dome: Dome, settings: SkinSettings) -> Index:
 
 
 class Skin:
-    """Parts forces on one dome.
+    """Splits forces on one dome into normal force and friction.
 
     Parameters
     ----------
     dome: body
-    settings: tuned numbers
+    settings: tuned parameters
     """
 
     def __init__(self, dome: Dome, settings: SkinSettings) -> None:
@@ -81,11 +81,11 @@ class Skin:
         self._field = SkinField(dome)
 
     def __call__(self, nodes: Index, linear: Array, friction: float) -> Parted:
-        """Forces on nodes (n,) of which the linear skin carries `linear` (n, 3) [N].
+        """Split the forces `linear` (n, 3) [N] of the linear skin on nodes (n,).
 
         Parameters
         ----------
-        friction: µ, which tells how much of the contact slips, and so stiffens
+        friction: µ, which determines how much of the contact slips, and so the stiffening
         """
         settings = self._settings
         forces = np.zeros_like(self._nodes.points)
@@ -113,7 +113,7 @@ class Skin:
     def _parted(
         self, nodes: Index, linear: Array, directions: Array, displacement: Array, friction: float
     ) -> tuple[Array, Array, Array]:
-        """Normal force (n,), friction (n, 3) and the factor of stiffening (n,)."""
+        """Normal force (n,), friction (n, 3) and factor of stiffening (n,), for given normals."""
         along = np.einsum("ij,ij->i", linear, directions)
         tangential = linear - along[:, None] * directions
         along = np.maximum(along, 1e-12)
@@ -125,10 +125,10 @@ class Skin:
         return factor * along, tangential, factor
 
     def _normals(self, surface: Array, directions: Array, pressure: Array) -> Array:
-        """Normals, away from the object, of a surface through places (p, 3), shape (p, 3).
+        """Fit a surface to p positions (p, 3); return its normals, away from the object, (p, 3).
 
         In axes along its mean normal it is z = a + b·x + c·y + (d·x² + 2e·xy + f·y² + g·z²)/2. With
-        g its largest curvature that is a ball or a cylinder exactly, however far around it touches.
+        g its largest curvature this is exactly a sphere or a cylinder, however far around it is.
         """
         settings = self._settings
         radius = self._dome.radius
@@ -159,14 +159,14 @@ class Skin:
         return np.asarray(normals)
 
     def _among(self, nodes: Index) -> Index:
-        """Places among the nodes of those beside each; n is none, n + 1 one that does not touch."""
+        """Neighbours as indices among `nodes`; n: no neighbour, n + 1: one without contact."""
         place = np.full(len(self.beside) + 1, len(nodes) + 1)
         place[nodes], place[-1] = np.arange(len(nodes)), len(nodes)
         return place[self.beside[nodes]]
 
 
 def _patches(among: Index) -> list[Index]:
-    """Places among n nodes of those that touch beside each other, see `Skin._among`."""
+    """Split n nodes into connected patches, from neighbours as in `Skin._among`."""
     out, left = [], np.ones(len(among), np.bool_)
     while left.any():
         patch = np.zeros(len(among), np.bool_)
@@ -182,12 +182,12 @@ def _patches(among: Index) -> list[Index]:
 
 
 def _at_rim(among: Index) -> NDArray[np.bool_]:
-    """Nodes with a neighbour that does not touch, see `Skin._among`."""
+    """Mask of nodes with a neighbour without contact, see `Skin._among`."""
     return np.asarray((among == len(among) + 1).any(axis=1))
 
 
 def _axes(axis: Array) -> Array:
-    """Columns: two unit vectors across an axis, and its own, shape (3, 3)."""
+    """Matrix whose columns are two unit vectors across an axis, and the axis, shape (3, 3)."""
     third = axis / np.linalg.norm(axis)
     x, y, z = third
     first = np.array([0.0, z, -y] if abs(x) < 0.8 else [-z, 0.0, x])
