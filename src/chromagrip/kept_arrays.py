@@ -15,7 +15,8 @@ from .user_cache import user_cache
 #: Arrays of a kept file, by name.
 Arrays = dict[str, NDArray[np.generic]]
 
-#: Number of files of a kind that are kept, those used last; each has some 3.5 MB. Tests need more than 100.
+#: Number of files of a kind that are kept, those used last; each has some 3.5 MB. The tests need
+#: more than 100.
 MOST = 300
 
 
