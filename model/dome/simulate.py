@@ -159,7 +159,7 @@ def simulate_contact(
         For an object in the dome at the start, a press that is too deep, and a step without
         solution.
     """
-    if not isinstance(solid, Solid):
+    if not isinstance(solid, Solid):  # a bare shape is a common slip
         raise UserError(f"a dome is touched by a Solid, got {solid!r}; make one: Solid(shape=…)")
     finite("time step", dt, "s", above=0.0)
     finite("states to keep", keep, "", above=0.0)

@@ -340,7 +340,7 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
             For a pad, and for a design without silicone.
         """
         body = self.dome
-        if not isinstance(body, model.Dome):
+        if not isinstance(body, model.Dome):  # whoever reads domes asks here
             raise UserError(f"{reader} needs a dome of silicone, not a flat pad")
         return body
 

@@ -109,7 +109,7 @@ class TruthMap:
         self._rest = [skin.points(place, d) for place, d in zip(under, depths, strict=True)]
         self._moved = (
             DomeSheets(sensor, body, under)
-            if isinstance(body, SoftBody)
+            if isinstance(body, SoftBody)  # else the nodes of a chain, as a number or places
             else ChainSheets(sensor, body, under)
         )
 

@@ -143,7 +143,7 @@ class Sample:
             For a dome.
         """
         state = self.contact.state
-        if not isinstance(state, State):
+        if not isinstance(state, State):  # only a chain has one
             raise UserError('the scene has body = "dome"; this needs body = "chain"')
         return state
 

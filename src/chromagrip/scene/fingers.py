@@ -22,7 +22,7 @@ def fingers(scene: Scene) -> tuple[Scene, ...]:
 
 def need_one_finger(scene: Scene, what: str) -> None:
     """Refuse a scene of two fingers; `what` begins the sentence, as in "the live page shows"."""
-    if scene.fingers > 1:
+    if scene.fingers > 1:  # whoever knows one finger asks here
         raise UserError(f"{what} one finger; this scene is a pinch of two")
 
 

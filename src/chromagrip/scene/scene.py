@@ -185,7 +185,7 @@ class Scene(Table, frozen=True):
     def _check_pinch(self) -> None:
         if not self.pinch.mass_g:
             raise UserError("pinch.mass_g = 0 must be above 0: two fingers hold a weight")
-        if self.body != "dome":
+        if self.body != "dome":  # the two keys meet here alone
             raise UserError('two fingers need body = "dome"')
         self._check_dome()
         dome = self.build_dome()
@@ -232,7 +232,7 @@ class Scene(Table, frozen=True):
     @property
     def mechanics(self) -> Mechanics:
         """Mechanics of the grasp: `chain`, `dome`, or `pinch` for two fingers."""
-        return "pinch" if self.fingers == 2 else self.body
+        return "pinch" if self.fingers == 2 else self.body  # the tables of rooms begin here
 
     @property
     def holds_torsion(self) -> bool:

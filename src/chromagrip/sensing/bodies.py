@@ -7,7 +7,7 @@ do; the rest is refused in one sentence.
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,11 +132,12 @@ class ChainBody:
         """
         if self._flat:
             raise UserError('the node model does not describe a flat pad; take body = "pad"')
-        if not isinstance(obj, ContactObject):
+        if not isinstance(obj, self.ability.objects):
             raise UserError(
                 f"a chain touches a ContactObject, a profile in its plane, not a "
                 f'{type(obj).__name__}; take body = "dome" for shapes and meshes'
             )
+        obj = cast("ContactObject", obj)
         check_fit(self.fingertip, obj)
         return chain_contact(
             self.fingertip, obj, rest_state(self.fingertip), no_slip(self.fingertip.nodes)
@@ -254,12 +255,12 @@ class SiliconeBody:
 
     def touch(self, obj: ContactObject | Solid) -> Contact:
         """Start a contact with an object that just touches the apex, as `ChainBody.touch`."""
-        if not isinstance(obj, Solid):
+        if not isinstance(obj, self.ability.objects):
             raise UserError(
                 f"a {self.name} of silicone touches a Solid, not a {type(obj).__name__}; take "
                 'body = "chain" for profiles'
             )
-        motion = _still(np.zeros(6), 1.0)
+        obj, motion = cast("Solid", obj), _still(np.zeros(6), 1.0)
         with located(f"the {self.name} gave up"):
             start = resting(self.carrier, obj, motion)
             self._stepper = Stepper(self.carrier, obj, motion, start)

@@ -39,7 +39,7 @@ def map_of(
     body: number of nodes of the chain, or silicone
     places: places of the markers of each layer, shape (2, M, 2); None: as designed
     """
-    if isinstance(body, SoftBody):
+    if isinstance(body, SoftBody):  # else the number of nodes of a chain
         return DomeMap(sensor, body, places)
     return MembraneMap(sensor, body, places)
 

@@ -405,9 +405,9 @@ def body_of(design: SensorDesign, body: BodyName | Fingertip | SoftBody | None) 
     UserError
         For a body that the design does not have.
     """
-    if body == "chain":
+    if body == "chain":  # the one name that is not its silicone's
         body = Fingertip.of_radius(design.shape.radius, nodes=REFERENCE_NODES, law="split")
-    if isinstance(body, Fingertip):
+    if isinstance(body, Fingertip):  # a given body, here and in the next line
         return ChainBody(body, flat=design.shape.flat)
     if isinstance(body, SoftBody):
         return SiliconeBody(body)

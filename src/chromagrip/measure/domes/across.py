@@ -44,6 +44,7 @@ Array = NDArray[np.float64]
 DESIGN = "thesis"
 #: Worlds that draw the pictures: the chain, the dome with stiffening and without, finite elements.
 WORLDS = ("chain", "dome", "linear-dome", "elements")
+_LINEAR = ("linear-dome",)
 #: Grip, and its least force, with which it begins [N].
 _NORMALS, _TOUCH = (1.0, 3.0), 0.02
 #: Of the frames of a run, at 100 Hz, every other one is taken.
@@ -69,12 +70,12 @@ def across_scene(world: str, index: int) -> Watched:
     states: Sequence[State | DomeState]
     body: Fingertip | Dome
     with one_thread():
-        if world == "chain":
+        if world == "chain":  # which moves by another model
             tip, run = known.fingertip, run_of(known.fingertip, grasped)
             states, body = [run.state(k) for k in range(count + 1)], tip
             fields = [contact_forces(tip, grasped.obj, run.state(end)) for end in ends]
         else:
-            body = dome = replace(dome, stiffening=world == "dome")
+            body = dome = replace(dome, stiffening=world not in _LINEAR)
             states = moved = dome_states(dome, solid_of(grasped.obj), grasped, count)
             fields = [dome_forces(dome, moved[end], whole=False) for end in ends]
         camera = TactileSensor(
