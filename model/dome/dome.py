@@ -93,13 +93,13 @@ class Dome:
 
     def places(self, pitch: float) -> Array:
         """Points of the skin one pitch [m] apart: angle from the apex and azimuth [rad], (N, 2)."""
-        return replace(self, pitch=pitch).lattice().places
+        return lattice(replace(self, pitch=pitch)).places
 
     def onto(self, points: Array) -> Array:
         """Project points (P, 3) near the skin onto it, along its normal."""
         return points * (self.radius / np.linalg.norm(points, axis=1, keepdims=True))
 
-    def lattice(self) -> "Lattice":
+    def new_lattice(self) -> "Lattice":
         """Nodes of the skin, on the sphere."""
         step = self.spacing / self.radius
         angles = _middles(self.reach, step)
@@ -207,7 +207,7 @@ class Pad:
         off = np.linalg.norm(points[:, :2], axis=1, keepdims=True)
         return points * (np.minimum(1.0, self.radius / np.maximum(off, 1e-12)) * [1.0, 1.0, 0.0])
 
-    def lattice(self) -> "Lattice":
+    def new_lattice(self) -> "Lattice":
         """Nodes of the skin, on a disc."""
         rings = _middles(self.radius, self.spacing)
         ring, azimuth = _around(rings, self.spacing)
@@ -258,7 +258,7 @@ class Lattice:
 @lru_cache(maxsize=8)
 def lattice(body: SoftBody) -> Lattice:
     """Nodes of a body, about one pitch apart; cached and read-only."""
-    values = body.lattice()
+    values = body.new_lattice()
     for array in vars(values).values():
         array.setflags(write=False)
     return values

@@ -99,6 +99,14 @@ def make_scratch(out: Path) -> None:
             atexit.register(shutil.rmtree, tempfile.tempdir, ignore_errors=True)
 
 
+def remove(path: Path) -> None:
+    """Remove a file, or a folder with what it holds."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
+
+
 def leave(folder: Path, name: str) -> None:
     """Remove a file that is alone in its folder, and the folder if it is then empty."""
     with suppress(OSError):

@@ -93,6 +93,19 @@ for line in sys.stdin:
 """
 
 
+def test_what_a_killed_run_left_half_written_is_removed(
+    tiny: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
+    """A file and a folder of a process that is gone."""
+    folder = copied(tiny, tmp_path / "killed")
+    (folder / MANIFEST).unlink()
+    (folder / f".part-1-{TABLE}").write_bytes(b"PAR1")
+    (folder / ".part-sequence-000001-1").mkdir()
+    (folder / ".part-sequence-000001-1" / "rest.png").write_bytes(b"")
+    make(TINY, folder, resume=True)
+    assert bytes_of(folder) == bytes_of(tiny)
+
+
 def test_a_killed_run_goes_on_to_the_same_bytes(
     tiny: Path, tmp_path: Path, bytes_of: Digests
 ) -> None:

@@ -128,8 +128,8 @@ def render(
     changed: dict[str, Any] = {k: v for k, v in shortcuts.items() if v is not None}
     changed |= _object(object)
     changed |= dict(parse_change(text) for text in changes)
-    if "body" in changed:
-        changed.setdefault("path", "truth")  # whatever reads its pictures is not asked
+    usual = {"dome": {"path": "truth"}}  # a picture needs no estimator
+    changed = usual.get(str(changed.get("body")), {}) | changed
     resolved = load_scene(scene, changed, allow=allow)
     asked = Asked(
         grip=grip, load=load, press_mm=press_mm, shear_mm=shear_mm, twist_deg=twist_deg,

@@ -42,7 +42,7 @@ def _rows_of_one(summary: "Summary", number: Number) -> Iterator[tuple[str, str]
         f"{number('final_margin_true')} true, {number('final_margin_estimated')} {read}",
     )
     yield "smallest in the run", f"{number('smallest_margin_true')} true"
-    torsion = summary["final_turn_deg"] is not None  # which a chain has not
+    torsion = {"chain": False, "dome": True}[summary["mechanics"]]
     if torsion:
         yield (
             "the same with torsion",

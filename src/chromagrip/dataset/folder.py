@@ -32,7 +32,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from ..errors import UserError, located
-from ..folders import PART, disk_errors, synced, write_whole
+from ..folders import PART, disk_errors, remove, synced, write_whole
 from ..output.versions import versions
 from ..strange_files import inside, read_small, shortened
 from ..strict_toml import read_toml
@@ -116,9 +116,10 @@ def sequence_name(number: int) -> str:
 
 
 def clean(out: Path) -> None:
-    """Remove the incomplete folders of interrupted workers."""
+    """Remove the incomplete files and folders of a run that was killed."""
     for part in out.glob(f"{PART}*"):
-        shutil.rmtree(part, ignore_errors=True)
+        with suppress(OSError):
+            remove(part)
 
 
 def numbers_in(folder: Path) -> list[int]:

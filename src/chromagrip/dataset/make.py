@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import socket
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -17,7 +16,7 @@ import msgspec
 
 from ..errors import UserError
 from ..extras import need, require
-from ..folders import disk_errors, prepared, synced, whole_folder
+from ..folders import disk_errors, prepared, remove, synced, whole_folder
 from ..output.processes import Progress, exit_on_sigterm, map_processes
 from ..strange_files import refuse_links
 from .card import write_card
@@ -142,10 +141,7 @@ def _taken_up(recipe: Recipe, out: Path) -> tuple[Recipe, list[str]]:
     for path in sorted(out.glob("sequence-*")):
         if is_sequence(path.name) and not _is_whole(path, recipe, digests.get(path.name)):
             with disk_errors(path):
-                if path.is_dir():
-                    shutil.rmtree(path)
-                else:
-                    path.unlink()
+                remove(path)
             damaged.append(path.name)
     return recipe, damaged
 

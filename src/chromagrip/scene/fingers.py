@@ -10,6 +10,10 @@ from .scene import Scene
 
 def fingers(scene: Scene) -> tuple[Scene, ...]:
     """Split a scene into a one-finger scene for each finger, with its own sensor and seed."""
+    return {1: lambda one: (one,), 2: _both}[scene.fingers](scene)
+
+
+def _both(scene: Scene) -> tuple[Scene, Scene]:
     single = msgspec.structs.replace(scene, fingers=1, pinch=PinchSettings())
     second_seed = 7_919  # difference between the seed of the second finger's camera and the scene's
     second = msgspec.structs.replace(
@@ -17,7 +21,7 @@ def fingers(scene: Scene) -> tuple[Scene, ...]:
         sensor=scene.pinch.second_sensor or scene.sensor,
         seed=(scene.seed + second_seed) % 2**32,
     )
-    return (single, second)[: scene.fingers]
+    return single, second
 
 
 def need_one_finger(scene: Scene, what: str) -> None:

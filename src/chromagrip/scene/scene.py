@@ -162,7 +162,8 @@ class Scene(Table, frozen=True):
         """Refuse keys of tables that differ from the default."""
         for table, keys in tables.items():
             settings: Any = getattr(self, table) if table else self
-            default = dict(zip(settings.__struct_fields__, _defaults(type(settings)), strict=True))
+            names, values = settings.__struct_fields__, settings.__struct_defaults__
+            default = dict(zip(names, values, strict=True))
             for key in keys:
                 if (value := getattr(settings, key)) != default[key]:
                     name = f"{table}.{key}" if table else key
@@ -343,11 +344,6 @@ class Scene(Table, frozen=True):
     def _settings_name(self) -> str:
         """Name of the table of the controller's settings, for one of ours."""
         return self.controller.replace("-", "_")
-
-
-def _defaults(table: type[Table]) -> tuple[Any, ...]:
-    """Default values of the keys of a table, in order."""
-    return tuple(field.default for field in msgspec.structs.fields(table))
 
 
 DEFAULT_SCENE = "camera-100hz"
