@@ -1,8 +1,10 @@
-"""Remake the tables and pictures of the documentation: `.venv/bin/python docs/make.py [PART...]`.
+"""Remake the tables and pictures of the documentation.
 
-Parts: images, gallery, tutorials, columns, bodies, loop, dataset, control, model, render, track,
-force, force-dome, loop-dome, control-pinch, ranges, tolerances, charts, limit, limit-dome,
-stability, stability-track, stability-force, stability-loop, stability-loop-dome,
+    PYTHONPATH=. .venv/bin/python docs/make.py [PART...]
+
+Parts: images, gallery, tutorials, columns, studies, bodies, loop, speed, dataset, control, model,
+render, track, force, force-dome, loop-dome, control-pinch, ranges, tolerances, charts, limit,
+limit-dome, stability, stability-track, stability-force, stability-loop, stability-loop-dome,
 stability-loop-pinch, appendix-b, reproduction.
 Without arguments all of them are made, which takes some hours alone on two cores. Nothing in
 docs/images/, docs/bench-*.md, docs/training-ranges.md and docs/reproduction.md is written by hand,
@@ -25,18 +27,20 @@ import cv2
 from website.gallery import GALLERY
 from website.notebook import executed, with_outputs
 
+from benchmarks.__main__ import load
+from benchmarks.model.bodies import engine_rows
+from benchmarks.model.side_by_side import COMPARED, FRICTION, GRIP, side_by_side, side_table
+from benchmarks.model.side_by_side_figure import draw_side_by_side
 from chromagrip.calibrate.first_use import EPOCHS, HISTORIES, NOISE
 from chromagrip.calibrate.readout import VARIATIONS
 from chromagrip.calibrate.training_ranges import range_lines, training_ranges
 from chromagrip.loop.column import Column, Mechanics
 from chromagrip.loop.columns import columns_of
-from chromagrip.measure.bench.model_bodies import engine_rows
-from chromagrip.measure.bench.parts import bench
+from chromagrip.measure.engine import measure
 from chromagrip.measure.reproduce.parts import PARTS as THESIS
 from chromagrip.measure.reproduce.parts import Plan, reproduce
 from chromagrip.measure.reproduce.statements import Section
-from chromagrip.measure.side_by_side import COMPARED, FRICTION, GRIP, side_by_side, side_table
-from chromagrip.measure.side_by_side_figure import draw_side_by_side
+from chromagrip.measure.study import Asked, studies
 from chromagrip.output.figure import png
 from chromagrip.output.report import Table, machine, markdown, number, report_markdown
 
@@ -55,6 +59,7 @@ TITLES = {
     "loop-dome": "Built domes in the closed loop, measured",
     "control-pinch": "Controllers with two fingers, measured",
     "dataset": "Datasets, measured",
+    "speed": "Speed, memory and start-up, measured",
 }
 
 
@@ -108,23 +113,66 @@ def columns() -> None:
         fill("file-formats", f"columns of a {body}", columns_table(body))
 
 
+def studies_table() -> Iterator[str]:
+    """Studies of the command line and of the checkout, from their table."""
+    load()
+    starts = {"bench": "chromagrip bench", "chart": "chromagrip chart"}
+    starts |= {"stability": "chromagrip stability", "project": "./run bench"}
+    lines = [
+        (
+            ", ".join(
+                f"`--world {world}`"
+                if "" in one.worlds and world
+                else f"`{start} {part}{f' --world {world}' if world else ''}`"
+                for world in one.worlds
+            ),
+            one.text,
+            f"`--{one.method}`" if one.method else "",
+        )
+        for verb, start in starts.items()
+        for part, entries in studies(verb).items()
+        for one in sorted(entries, key=lambda entry: "" not in entry.worlds)
+    ]
+    return markdown(Table(("command", "what", "methods of one's own"), tuple(lines)))
+
+
+def list_of_studies() -> None:
+    """What can be measured."""
+    fill("measuring", "studies", studies_table())
+
+
 def table(part: str) -> None:
     """The report of `chromagrip bench PART`."""
-    report = bench(part, quick=False, progress=print)
+    report = measure("bench", part, progress=print)
     write(f"bench-{part}", TITLES[part], f"chromagrip bench {part}", report_markdown(report))
 
 
-def draw_chart(part: str, *others: str) -> None:
-    """The chart of `chromagrip chart PART`, and others that the command draws."""
-    names = (part, *others)
-    keep(f"chart {part}", {f"{name}.png": IMAGES / f"chart-{name}.png" for name in names})
+def table_of_the_project(part: str) -> None:
+    """The report of `./run bench PART`."""
+    load()
+    report = measure("project", part, progress=print)
+    write(f"bench-{part}", TITLES[part], f"./run bench {part}", report_markdown(report))
+
+
+def keep_of_the_project(part: str, files: Mapping[str, Path]) -> None:
+    """Copy files that `./run bench PART` writes into the documentation."""
+    load()
+    with tempfile.TemporaryDirectory() as folder:
+        measure("project", part, out=Path(folder) / "made", progress=print)
+        for name, target in files.items():
+            shutil.copy(Path(folder) / "made" / name, target)
+
+
+def draw_chart(part: str) -> None:
+    """The chart of `chromagrip chart PART`."""
+    keep(f"chart {part}", {f"{part}.png": IMAGES / f"chart-{part}.png"})
 
 
 def draw_charts() -> None:
     """Charts of parts whose bench draws none."""
     for part in ("loop", "track"):
         draw_chart(part)
-    keep("chart model", {"model-dome.png": IMAGES / "chart-model-dome.png"})
+    keep_of_the_project("chart-dome", {"model-dome.png": IMAGES / "chart-model-dome.png"})
 
 
 def images() -> None:
@@ -142,13 +190,13 @@ def images() -> None:
 
 def bodies() -> None:
     """Chain and dome side by side, and the chain by two engines."""
-    sides = side_by_side(False, print)
+    sides = side_by_side(False)
     (IMAGES / "bodies.png").write_bytes(png(draw_side_by_side(sides)))
     load = COMPARED * FRICTION * GRIP
     grasp = f"Grip {GRIP:g} N, then a load of {load:g} N, µ {FRICTION:g}:"
     fill("bodies", "side by side", [grasp, "", *markdown(side_table(sides))])
     found: dict[str, dict[str, str]] = {}
-    for row in engine_rows(False, print):
+    for row in engine_rows(False):
         found.setdefault(row.subject[-1], {})[row.score] = number(row.value, ".1e")
     scores = {
         "normal": "ΣFn",
@@ -167,7 +215,9 @@ def bodies() -> None:
 def force() -> None:
     """The report of reconstructors, and their chart."""
     table("force")
-    draw_chart("force", "force-dome")
+    draw_chart("force")
+    target = IMAGES / "chart-force-dome.png"
+    keep("chart force --world dome", {"force-dome.png": target})
 
 
 def tolerances() -> None:
@@ -182,8 +232,8 @@ def limits_of_domes() -> None:
     drawn = " ".join(f"--sensor {name}" for name in ("dome-2020", "dome-2022", "chromatouch-next"))
     keep(f"limit --body dome {drawn}", {"limit.png": IMAGES / "limit-dome.png"})
     found = []
-    for load in ("1.35", "1.05", "0.6"):
-        words = ["limit", "--body", "dome", "--load", load, "--json"]
+    for force in ("1.35", "1.05", "0.6"):
+        words = ["limit", "--body", "dome", "--load", force, "--json"]
         command = [sys.executable, "-P", "-m", "chromagrip", *words]
         printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
         found.append(json.loads(printed)["sensors"])
@@ -214,7 +264,7 @@ def _whole(value: float) -> str:
 
 def of_world(part: str, world: str) -> None:
     """The report of `chromagrip bench PART --world WORLD`."""
-    report = bench(part, quick=False, progress=print, world=world)
+    report = measure("bench", part, Asked(world=world), progress=print)
     name, command = f"{part}-{world}", f"chromagrip bench {part} --world {world}"
     write(f"bench-{name}", TITLES[name], command, report_markdown(report))
 
@@ -228,8 +278,8 @@ def ranges() -> None:
 
 def render() -> None:
     """The renderers' report and chart, a pose's preview, and domes as printed and as built."""
-    table("render")
-    draw_chart("render")
+    table_of_the_project("render")
+    keep_of_the_project("chart-render", {"render.png": IMAGES / "chart-render.png"})
     keep("render --grip 2 --load 0.6", {"previews/preview-000.png": IMAGES / "render-preview.png"})
     keep_domes()
 
@@ -253,13 +303,12 @@ def keep_domes() -> None:
 
 def stability_of_the_model() -> None:
     """Maps of the chain's integrators and of the dome's steps."""
-    files = {
-        "map.png": IMAGES / "stability-model.png",
-        "map.csv": DOCS / "stability-model.csv",
-        "dome.png": IMAGES / "stability-dome.png",
-        "dome.csv": DOCS / "stability-dome.csv",
-    }
-    keep("stability model", files)
+    for part, name in (("model", "map"), ("dome", "dome")):
+        files = {
+            f"{name}.png": IMAGES / f"stability-{part}.png",
+            f"{name}.csv": DOCS / f"stability-{part}.csv",
+        }
+        keep_of_the_project(f"stability-{part}", files)
 
 
 def stability_of_the_loop() -> None:
@@ -366,9 +415,11 @@ PARTS: dict[str, Callable[[], None]] = {
     "columns": columns,
     "bodies": bodies,
     "loop": partial(table, "loop"),
-    "dataset": partial(table, "dataset"),
+    "studies": list_of_studies,
+    "dataset": partial(table_of_the_project, "dataset"),
+    "speed": partial(table_of_the_project, "speed"),
     "control": partial(table, "control"),
-    "model": partial(table, "model"),
+    "model": partial(table_of_the_project, "model"),
     "render": render,
     "track": partial(table, "track"),
     "force": force,

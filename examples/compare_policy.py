@@ -16,7 +16,7 @@ import numpy as np
 from learn_to_grip import LEAST, Policy, action, decide, environment
 
 import chromagrip
-from chromagrip.measure.scored.intervals import intervals, share_interval
+from chromagrip.measure.score.intervals import intervals, share_interval
 from chromagrip.output.processes import map_processes
 from chromagrip.thesis import DESIRED_MARGIN, LOAD_TIMES_S, OBJECTS
 

@@ -12,11 +12,14 @@ import msgspec
 import pytest
 
 import chromagrip
+from benchmarks.__main__ import load
+from chromagrip.cli.app import STUDIES
 from chromagrip.dataset.labels import columns_of
 from chromagrip.loop.column import Mechanics
 from chromagrip.loop.columns import columns_of as trace_of
 from chromagrip.loop.poses.dome_poses import DOME_ARRAYS
 from chromagrip.loop.poses.poses import ARRAYS
+from chromagrip.measure.study import studies
 from chromagrip.output.parquet import DISPLACEMENTS, FORCES, TRACKS
 
 ROOT = Path(__file__).parents[1]
@@ -89,7 +92,9 @@ def test_files_of_the_code_exist(page: Path) -> None:
 def test_commands_and_flags_exist(page: Path, typed: Typed) -> None:
     helps: dict[str, str] = {}
     for words in typed_commands(page.read_text(encoding="utf-8")):
-        two = words[0] == "dataset" or words[:2] == ["calibrate", "sensor"]
+        two = words[0] in ("dataset", *STUDIES) or words[:2] == ["calibrate", "sensor"]
+        if ":" in "".join(words[1:2]):  # a study of the page itself
+            continue
         name = words[: 2 if two and len(words) > 1 else 1]
         key = " ".join(name)
         if key not in helps:
@@ -129,6 +134,16 @@ def test_the_page_on_files_names_every_key_and_column() -> None:
     tables += (*columns_of("chain"), *columns_of("dome", reading=True))
     names = {*scene_keys(chromagrip.Scene), *(name for table in tables for name in table)}
     assert {name for name in names if f"`{name}`" not in text} == set()
+
+
+def test_the_page_on_measuring_has_every_study() -> None:
+    load()
+    text = (ROOT / "docs/measuring.md").read_text(encoding="utf-8")
+    listed = text.split("<!-- studies -->")[1].split("<!-- end of studies")[0]
+    for verb in ("bench", "chart", "stability", "project"):
+        for part, entries in studies(verb).items():
+            for entry in entries:
+                assert f"| {entry.text} |" in listed, f"docs/make.py studies ({verb} {part})"
 
 
 @pytest.mark.parametrize("body", ["chain", "dome", "pinch"])

@@ -49,7 +49,6 @@ from .forces.chain import (
     GaussianProcess,
     GaussianProcessSettings,
     LearnedSettings,
-    StiffnessSettings,
 )
 from .learned_palette import PaletteSettings, learn_palette
 from .palette import AUTO_PALETTE, DEFAULT_PALETTE, Palette, load_palette, palette_names
@@ -92,7 +91,6 @@ __all__ = [
     "SensorCalibration",
     "SightSettings",
     "Sighting",
-    "StiffnessSettings",
     "Tracker",
     "Tracks",
     "TractionSettings",

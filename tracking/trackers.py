@@ -66,8 +66,10 @@ TRACKERS = Registry(
     package=__package__,
     entries={
         "fit": (".fit.tracker:MarkerTracker", "least-squares fit of the shape of both layers"),
-        "sparse": (".fit.tracker:sparse", "fit, from every other row of the image"),
-        "quick": (".fit.tracker:quick", "sparse, with templates that are kept for longer"),
+        "quick": (
+            ".fit.tracker:quick",
+            "fit, from every other row of the image, with templates that are kept for longer",
+        ),
         "detect": (
             ".baselines.detected:DetectedMarkers",
             "markers of any form, detected in every frame",

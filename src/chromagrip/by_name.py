@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import UserError
+from .strict_toml import parse_toml
 
 #: A method as users choose it: a name, `module:Class`, or a class or other factory from Python.
 Choice = str | Callable[..., Any]
@@ -75,7 +76,7 @@ class Registry:
 
         Parameters
         ----------
-        choice: a name, `module:Class`, or a class or other factory
+        choice: a name, `module:Class`, `module:Class(name=value)`, or a class or other factory
         arguments: keyword arguments of the class, by name
 
         Raises
@@ -83,6 +84,9 @@ class Registry:
         UserError
             When the name is unknown, it cannot be imported, or it lacks a method of the protocol.
         """
+        if isinstance(choice, str):
+            choice, given = with_arguments(choice)
+            arguments = {**given, **(arguments or {})}
         factory = self._import(choice) if isinstance(choice, str) else choice
         if isinstance(factory, type):
             self._check_methods(factory, name_of(choice))
@@ -119,11 +123,8 @@ class Registry:
                 f"{self.kind} {named!r} stands in a file, whose code is not run unless you name "
                 f"it: give --allow {module}, or allow=({module!r},) in Python"
             )
-        _find_in_working_folder()
         target = next((p.value for p in entry_points(group=self.group) if p.name == name), name)
-        module, _, kind = target.partition(":")
-        with blaming(f"{self.kind} {name!r} cannot be imported", Exception, SystemExit):
-            factory = attrgetter(kind)(import_module(module))
+        factory = import_named(self.kind, name, target)
         self._check_methods(factory, name)
         return factory
 
@@ -140,6 +141,23 @@ class Registry:
         """Methods of the protocol that a class or an object lacks."""
         required = (key for key in vars(self.protocol) if not key.startswith("_"))
         return [key for key in required if not hasattr(method, key)]
+
+
+def with_arguments(name: str) -> tuple[str, dict[str, Any]]:
+    """Split `module:Class(gain=2)` into the class and its arguments, whose values are TOML.
+
+    Raises
+    ------
+    UserError
+        For arguments that are no TOML, or of a name without a module.
+    """
+    method, bracket, rest = name.partition("(")
+    if not bracket:
+        return name, {}
+    if ":" not in method or not rest.endswith(")"):
+        raise UserError(f"{name}: expected module:Class(name=value), such as mine:Tracker(gain=2)")
+    values: dict[str, Any] = parse_toml(f"values = {{{rest[:-1]}}}", name)["values"]
+    return method, values
 
 
 def name_of(choice: Choice | object) -> str:
@@ -199,6 +217,26 @@ def _with_names(value: Any, change: Callable[[str], str], method: bool = False) 
     if isinstance(value, list | tuple):
         return [_with_names(each, change, method) for each in value]
     return change(value) if method and isinstance(value, str) else value
+
+
+def import_named(kind: str, name: str, target: str = "") -> Any:
+    """What a `module:name` stands for; the module may lie in the working folder.
+
+    Parameters
+    ----------
+    kind: what it is, for a refusal
+    name: as the user gave it
+    target: `module:name` of an installed plug-in of that name
+
+    Raises
+    ------
+    UserError
+        When it cannot be imported.
+    """
+    _find_in_working_folder()
+    module, _, attribute = (target or name).partition(":")
+    with blaming(f"{kind} {name!r} cannot be imported", Exception, SystemExit):
+        return attrgetter(attribute)(import_module(module))
 
 
 def _find_in_working_folder() -> None:

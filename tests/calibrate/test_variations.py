@@ -13,7 +13,7 @@ from chromagrip.calibrate.variations import (
     random_variations,
     varied_shifts,
 )
-from chromagrip.measure.beyond.carried_skin import CarriedSkin, Motion
+from chromagrip.measure.worlds.beyond.carried_skin import CarriedSkin, Motion
 from chromagrip.model import ContactObject, Fingertip, equilibrium
 from chromagrip.render import (
     MembraneMap,

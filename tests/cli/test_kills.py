@@ -170,7 +170,7 @@ def test_ten_kills_of_a_sweep(tmp_path: Path, killing: Killing, bytes_of: Digest
     for number, delay in enumerate(delays(spent, 10, seed=3)):
         out = tmp_path / f"killed-{number}"
         killing(f"{run} {out}", after=delay)
-        finished = (out / "runs.csv").exists() and not (out / "runs.unfinished.csv").exists()
+        finished = (out / "runs.csv").exists() and not (out / "unfinished.jsonl").exists()
         assert killing(f"{run} {out}" + " --overwrite" * finished) == 0
         assert bytes_of(out)["runs.csv"] == whole
         assert not list(out.glob("*unfinished*"))

@@ -38,8 +38,9 @@ COMMANDS = {
     "dataset make": ("dataset", "make", "tiny", "--n", "1", "--workers", "1"),
     "dataset resume": ("dataset", "make", "tiny", "--n", "1", "--workers", "1", "--resume"),
     "limit": ("limit", "--overwrite"),
-    "stability": ("stability", "model", "--quick", "--overwrite"),
-    "chart": ("chart", "model", "--quick", "--overwrite"),
+    "stability": ("stability", "track", "--quick", "--overwrite"),
+    "chart": ("chart", "track", "--quick", "--overwrite"),
+    "bench": ("bench", "loop", "--quick", "--overwrite"),
     "reproduce": ("reproduce", "table-2", "--quick", "--overwrite"),
 }
 

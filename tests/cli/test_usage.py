@@ -7,11 +7,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from itertools import chain
 from pathlib import Path
 
 import pytest
 
-from chromagrip.cli.app import COMMANDS
+from chromagrip.cli.app import COMMANDS, STUDIES, commands_of
 
 Typed = Callable[..., subprocess.CompletedProcess[str]]
 LISTS = [
@@ -26,7 +27,7 @@ LISTS = [
 ]
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", [*COMMANDS, *chain(*map(commands_of, STUDIES))])
 def test_every_help_has_an_example_of_its_own_command(name: str, typed: Typed) -> None:
     done = typed(*name.split(), "--help")
     assert done.returncode == 0
@@ -36,7 +37,7 @@ def test_every_help_has_an_example_of_its_own_command(name: str, typed: Typed) -
 
 def test_the_help_lists_every_command_and_names_shell_completion(typed: Typed) -> None:
     text = typed("--help").stdout
-    assert all(f" {name.split()[0]} " in text for name in COMMANDS)
+    assert all(f" {name.split()[0]} " in text for name in (*COMMANDS, *STUDIES))
     assert "--tyro-write-completion bash FILE" in text
     members = [name.split()[1] for name in COMMANDS if name.startswith("dataset ")]
     for words in (["dataset"], ["dataset", "--help"]):
@@ -61,8 +62,11 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("grasp --fps fast", "--fps 'fast': expected a number"),
         ("grasp --path mirror", "path 'mirror': allowed are camera, truth"),
         ("grasp --scene", "'--scene'"),
-        ("bench banana", "'banana': allowed are control, dataset, force, "),
-        ("bench --quick", "missing: control|dataset|"),
+        ("bench banana", "bench banana: there is control, force, loop, "),
+        ("bench --quick", "bench --quick: there is control, force, loop, "),
+        ("stability track --controller mine:C", "unrecognized options: --controller, mine:C"),
+        ("bench loop --world moon", "world 'moon': allowed are dome"),
+        ("bench track --tracker fit(gain=2)", "expected module:Class(name=value), such as"),
         (
             "dataset make",
             "missing: RECIPE|FILE.toml, --out DIR|URL; see `chromagrip dataset make --help`",

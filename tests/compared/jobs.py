@@ -92,16 +92,14 @@ def _measurements() -> Iterable[Job]:
     yield job("bench-loop-dome", "bench loop --world dome --quick --json", to="")
     yield job("bench-control", "bench control --quick --json", to="")
     yield job("bench-control-pinch", "bench control --world pinch --quick --json", to="")
-    for part in ("model", "render", "track", "force"):
+    for part in ("track", "force"):
         yield job(f"bench-{part}", f"bench {part} --quick --json", to="")
-    yield job("bench-dataset", "bench dataset --quick --json", to="")
     for world in ("beyond", "dome"):
         yield job(f"bench-force-{world}", f"bench force --world {world} --quick --json", to="")
-    for part in ("model", "render", "track", "force", "loop"):
+    for part in ("track", "force", "loop"):
         drawn = ("*.png", "*.svg", "index.html")  # speeds are drawn in all of them
         yield job(f"chart-{part}", f"chart {part} --quick --json", ignored=drawn)
-    yield job("stability-model", "stability model --quick --json", quick=True)
-    yield job("stability-track", "stability track --quick --json")
+    yield job("stability-track", "stability track --quick --json", quick=True)
     yield job("stability-force", "stability force --quick --json --workers 1")
     yield job("stability-loop", "stability loop --quick --json --workers 1")
     for world in ("dome", "pinch"):

@@ -24,7 +24,7 @@ from chromagrip.dataset.check import check
 from chromagrip.dataset.folder import CARD, FILES, MANIFEST, SHEET, TABLE
 from chromagrip.dataset.make import make, merge
 from chromagrip.dataset.recipe import load_recipe
-from chromagrip.measure.scored.points import read_points
+from chromagrip.measure.score.points import read_points
 from chromagrip.strange_files import read_arrays
 
 SEED = Path(__file__).parents[2] / "fixtures" / "written-before" / "dataset"

@@ -14,7 +14,7 @@ from chromagrip.loop.run import run
 from chromagrip.output.cells import write_cells
 
 FINE = Fidelity()
-CHEAP = Fidelity(tracker="sparse", step_ms=5.0)
+CHEAP = Fidelity(tracker="quick", step_ms=5.0)
 
 
 def measured(fidelity: Fidelity, curvature: float, milliseconds: float, seen: float) -> Measured:
@@ -52,7 +52,7 @@ def test_the_cheapest_that_keeps_the_tolerance_is_chosen_for_the_object_at_hand(
     assert choice.error == pytest.approx(1.25 * 0.02)
     assert len(choice.lines) == 2
     assert choice.lines[0].startswith("fit, sequential")
-    assert "not sparse" in choice.lines[1]
+    assert "not quick" in choice.lines[1]
     assert load_scene("margin-60hz", choice.fidelity.changes).tracker == "fit"
 
 
@@ -99,12 +99,12 @@ def test_the_shipped_table_plans_every_shipped_grasp_of_the_thesis_sensor() -> N
 def test_the_tolerance_holds_in_a_scene_that_was_not_measured() -> None:
     changes = {"object.friction": 0.42, "object.stiffness_kpa": 90.0, "object.radius_mm": 12.0}
     scene = load_scene("margin-60hz", {"controller": "margin-inversion", **changes})
-    choice = Fidelity.auto(0.15, scene)
+    choice = Fidelity.auto(0.25, scene)
     told = {"controller": "margin-inversion", **changes, **choice.fidelity.changes}
     trace = run(load_scene("margin-60hz", told)).trace
     held = trace["time_s"] > 0.5
     error = (trace["margin_estimated"] - trace["margin_true"])[held]
-    assert np.sqrt(np.nanmean(error**2)) < 0.15
+    assert np.sqrt(np.nanmean(error**2)) < 0.25
 
 
 #: A dome that is as good as a chain and takes longer.

@@ -1,10 +1,10 @@
 """The figures of the environments are measured; how fast is not asked here."""
 
-from chromagrip.measure.environments import environment_rows
+from benchmarks.environments import environment_rows
 
 
 def test_every_observation_has_a_figure() -> None:
-    rows = list(environment_rows(lambda text: None, duration_s=0.05, turns=1))
+    rows = list(environment_rows(duration_s=0.05, turns=1))
     names = [
         "speed/environment/margin",
         "speed/environment/forces",

@@ -9,13 +9,15 @@ from subprocess import CompletedProcess
 import pytest
 
 from chromagrip import UserError, load_scene, run
-from chromagrip.measure.scored.intervals import share_interval
-from chromagrip.measure.sweep import runs
+from chromagrip.measure.engine import FIGURES, UNFINISHED, key_of
+from chromagrip.measure.score.intervals import share_interval
+from chromagrip.measure.sweep import sweep as swept
 from chromagrip.measure.sweep.report import means, sweep_report
-from chromagrip.measure.sweep.runs import Cell, Plan, Task, tasks
-from chromagrip.measure.sweep.sweep import MAP, RUNS, UNFINISHED, sweep
+from chromagrip.measure.sweep.runs import Cell, Plan, Task, tasks, words
+from chromagrip.measure.sweep.sweep import MAP, RUNS, sweep
 from chromagrip.measure.worlds.scorecard import scores
 from chromagrip.output.cells import read_cells
+from chromagrip.output.report import table_lines
 
 from .test_pinch import COARSE
 
@@ -44,13 +46,12 @@ class Mine:
 
 
 def test_every_combination_is_run_once_and_scored(tmp_path: Path) -> None:
-    counted: list[tuple[int, int]] = []
-    report = sweep(PLAN, tmp_path, False, 1, lambda done, total: counted.append((done, total)))
+    counted: list[str] = []
+    report = sweep(PLAN, tmp_path, False, 1, counted.append)
     cells = list(read_cells(tmp_path / RUNS, Cell))
-    assert len({one.key for one in cells}) == len(cells) == 8
-    assert counted[0] == (0, 8)
-    assert counted[-1] == (8, 8)
-    assert {path.name for path in tmp_path.iterdir()} == {RUNS, MAP}
+    assert len({(one.scene, one.setting, one.seed) for one in cells}) == len(cells) == 8
+    assert counted[-1].endswith(": 8 of 8")
+    assert {path.name for path in tmp_path.iterdir()} == {RUNS, MAP, FIGURES, "index.html"}
     found = {(c.scene, c.seed, c.setting): c for c in cells}
     one = found["jerk-1", 1, f"{KI}=40.0 {MU}=0.4"]
     scene = load_scene("jerk-1", QUICK | {KI: 40.0, MU: 0.4, "seed": 1})
@@ -62,36 +63,37 @@ def test_every_combination_is_run_once_and_scored(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_sweep_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[str] = []
-    real = runs.cell
+    made: list[Task] = []
+    real = swept.cell
 
     def cell(task: Task) -> Cell:
         if len(made) == 5:
             raise KeyboardInterrupt
-        made.append(task.key)
+        made.append(task)
         return real(task)
 
-    monkeypatch.setattr(runs, "cell", cell)
+    monkeypatch.setattr(swept, "cell", cell)
     with pytest.raises(KeyboardInterrupt):
         sweep(PLAN, tmp_path, False, 1)
     assert {path.name for path in tmp_path.iterdir()} == {UNFINISHED}
-    assert len(list(read_cells(tmp_path / UNFINISHED, Cell))) == 5
-    more: list[str] = []
-    monkeypatch.setattr(runs, "cell", lambda task: more.append(task.key) or real(task))
+    more: list[Task] = []
+    monkeypatch.setattr(swept, "cell", lambda task: more.append(task) or real(task))
     resumed = sweep(PLAN, tmp_path, False, 1)
     assert len(more) == 3
-    assert not set(made) & set(more)
+    assert not any(task in made for task in more)
     assert resumed == sweep(PLAN, None, False, 1)
     with pytest.raises(UserError, match="is not empty"):
         sweep(PLAN, tmp_path, False, 1)
 
 
 def test_what_decides_a_run_is_in_its_key() -> None:
-    keys = {task.key for task in tasks(PLAN)}
+    def keys(plan: Plan) -> set[str]:
+        return set(map(key_of, tasks(plan)))
+
     longer = Plan(scenes=PLAN.scenes, axes=PLAN.axes, seeds=3, fixed=PLAN.fixed)
-    assert keys < {task.key for task in tasks(longer)}
+    assert keys(PLAN) < keys(longer)
     other = Plan(scenes=PLAN.scenes, axes=PLAN.axes, seeds=1, fixed=QUICK | {"duration_s": 0.3})
-    assert not keys & {task.key for task in tasks(other)}
+    assert not keys(PLAN) & keys(other)
 
 
 def test_own_controllers_in_processes(typed: Typed, tmp_path: Path) -> None:
@@ -114,21 +116,21 @@ def test_own_controllers_in_processes(typed: Typed, tmp_path: Path) -> None:
 
 
 def test_ctrl_c_says_how_to_go_on(typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
-    real, made = runs.cell, list[str]()
+    real, made = swept.cell, list[str]()
 
     def cell(task: Task) -> Cell:
         if made:
             raise KeyboardInterrupt
-        made.append(task.key)
+        made.append(task.name)
         return real(task)
 
-    monkeypatch.setattr(runs, "cell", cell)
+    monkeypatch.setattr(swept, "cell", cell)
     line = ["sweep", "--vary", f"{MU}=0.4,0.5", "--path", "truth", "--set", "duration_s=0.1"]
     line += ["--seeds", "1", "--workers", "1", "--out", "swept"]
     done = typed(*line)
     assert done.returncode == 130
     assert "what is done is in swept; call it again with --out swept to go on" in done.stderr
-    monkeypatch.setattr(runs, "cell", real)
+    monkeypatch.setattr(swept, "cell", real)
     assert typed(*line).returncode == 0
 
 
@@ -154,9 +156,7 @@ def test_what_cannot_be_swept_is_refused_before_there_is_a_folder(
 
 
 def made(gross: float, settling: float, failed: str = "") -> Cell:
-    return Cell(
-        key="", scene="s", setting="", seed=0, failed=failed, gross=gross, settling=settling
-    )
+    return Cell(scene="s", setting="", seed=0, failed=failed, gross=gross, settling=settling)
 
 
 def test_failed_runs_count_as_lost_and_not_in_means() -> None:
@@ -209,3 +209,17 @@ def test_a_pinch_that_ends_before_the_lift_is_swept_too() -> None:
     )
     assert line[0].startswith("0 of 1")
     assert "–" in line
+
+
+def test_every_block_of_a_wide_table_names_its_settings() -> None:
+    axes = (("controller", ("a", "b")), (KI, (1.0, 2.0)))
+    plan = Plan(scenes=("s",), axes=axes, fixed={})
+    cells = [
+        Cell(scene="s", setting=words(one), seed=0, gross=0.0, settling=0.1, pressure_max=400.0)
+        for one in plan.settings()
+    ]
+    lines = list(table_lines(sweep_report(plan, cells).tables[0], 70))
+    blocks = [line for line in lines if line.startswith("controller")]
+    assert len(blocks) > 1
+    assert all(KI in line for line in blocks)
+    assert sum(line.startswith("b ") for line in lines) == 2 * len(blocks)

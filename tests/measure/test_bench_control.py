@@ -1,6 +1,6 @@
 """The scorecard: scores against analysis, runs that stop, and the command."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from subprocess import CompletedProcess
 from typing import Any
 
@@ -13,6 +13,8 @@ from chromagrip.loop.record import Result
 from chromagrip.loop.trace import Trace
 from chromagrip.measure.bench import control as bench_control
 from chromagrip.measure.bench.control import OBJECT_SETS, SCENES, TARGETS, Task, score_run, tasks
+from chromagrip.measure.engine import measure
+from chromagrip.measure.study import Asked
 from chromagrip.measure.worlds.coverage import BEYOND, count_frames, coverage_rows, slip_rows
 from chromagrip.measure.worlds.scorecard import SCORES, overshoot, scores, settling, together, worst
 from chromagrip.render.drawing.gl import gl_problem
@@ -113,16 +115,10 @@ def test_a_run_that_stops_is_a_row_and_spoils_no_other(monkeypatch: pytest.Monke
     def fails(task: Task) -> dict[str, float] | str:
         return "the plant broke" if task.scene == "jerk-1" else dict.fromkeys(SCORES, 1.0)
 
-    def here(
-        function: Callable[[Task], object], todo: Sequence[Task], workers: int, *, ordered: bool
-    ) -> Iterator[object]:
-        assert ordered
-        return map(function, todo)
-
-    monkeypatch.setattr(bench_control, "map_processes", here)
     monkeypatch.setattr(bench_control, "score_run", fails)
     told: list[str] = []
-    report = bench_control.bench_control(True, told.append, ("conservative",))
+    asked = Asked(quick=True, methods=("conservative",))
+    report = measure("bench", "control", asked, workers=1, progress=told.append)
     found = {row.name: row for row in report.rows}
     assert len(told) == len(SCENES) + 2
     stopped = found["jerk-1/truth/conservative/stopped"]
@@ -231,10 +227,13 @@ def test_a_sensor_that_is_not_what_is_told_grasps() -> None:
 
 def test_a_controller_that_is_not_there_is_refused_before_the_work() -> None:
     with pytest.raises(UserError, match="pid"):
-        bench_control.bench_control(True, print, ("pid",))
+        measure("bench", "control", Asked(methods=("pid",)))
 
 
-def test_the_option_goes_with_its_part(typed: Callable[..., CompletedProcess[str]]) -> None:
-    done = typed("bench", "model", "--controller", "conservative")
+def test_an_option_that_a_study_lacks_is_not_there(
+    typed: Callable[..., CompletedProcess[str]],
+) -> None:
+    done = typed("bench", "control", "--tracker", "fit")
     assert done.returncode == 2
-    assert "--controller goes with bench control, not with bench model" in done.stderr
+    assert "unrecognized options: --tracker" in done.stderr
+    assert "--controller" in typed("bench", "control", "--help").stdout

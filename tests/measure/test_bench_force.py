@@ -9,7 +9,8 @@ import pytest
 from chromagrip.errors import UserError
 from chromagrip.measure.bench import force as bench_force
 from chromagrip.measure.bench import force_sets
-from chromagrip.measure.bench.parts import bench
+from chromagrip.measure.engine import measure
+from chromagrip.measure.study import Asked
 from chromagrip.measure.worlds import force_scores, grasps
 from chromagrip.measure.worlds.force_scenes import (
     HELD_FRAMES,
@@ -301,7 +302,7 @@ def test_who_is_told_the_truth_is_right_and_who_refuses_is_flagged(
     readers: None, scene: ForceScene
 ) -> None:
     told, refusing = (
-        answers(name, name, scene)[name, "0.1s"]
+        answers(name, name, scene)["0.1s"][name]
         for name in ("users_readers:Told", "users_readers:Refusing")
     )
     np.testing.assert_allclose(told.value[0, :2], truth(scene)[:2])
@@ -330,11 +331,8 @@ def test_rows_have_stable_names_and_targets_are_asked_of_the_best_alone(
     monkeypatch.setattr(bench_force, "scenes", lambda *_: [scene])
     monkeypatch.setattr(force_sets, "scenes", lambda *_: [scene])
     monkeypatch.setattr(bench_force, "beyond_counts", lambda *_: {})
-    monkeypatch.setattr(
-        force_sets, "map_processes", lambda function, tasks, *_, **__: map(function, tasks)
-    )
     names = ("users_readers:Told", "users_readers:Refusing")
-    report = bench_force.bench_force(True, lambda _: None, names)
+    report = measure("bench", "force", Asked(quick=True, methods=names), workers=1)
     found = {row.name: row for row in report.rows}
     told = found["matched/single/users_readers:Told/normal_rms"]
     assert told.value == pytest.approx(0.0, abs=1e-9)
@@ -377,6 +375,4 @@ def test_every_target_is_of_a_set_and_a_score_that_there_is() -> None:
 
 def test_who_is_not_there_is_named() -> None:
     with pytest.raises(UserError, match="no reconstructor 'nobody'"):
-        bench("force", True, lambda _: None, reconstructors=("nobody",))
-    with pytest.raises(UserError, match="--reconstructor goes with bench force"):
-        bench("model", True, lambda _: None, reconstructors=("gp",))
+        measure("bench", "force", Asked(quick=True, methods=("nobody",)))

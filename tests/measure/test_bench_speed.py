@@ -2,10 +2,10 @@
 
 import pytest
 
+from benchmarks import speed as bench_speed
+from benchmarks.speed import STAGES, frame_parts
 from chromagrip import UserError
 from chromagrip.loop.fidelity import Choice, Fidelity
-from chromagrip.measure.bench import speed as bench_speed
-from chromagrip.measure.bench.speed import STAGES, frame_parts
 from chromagrip.measure.charts.chart import Chart, Point
 from chromagrip.measure.charts.loop import AXES
 from chromagrip.scene.scene import Scene, load_scene
@@ -55,7 +55,7 @@ def test_a_plan_that_misses_its_tolerance_counts(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(Fidelity, "auto", staticmethod(planned))
     monkeypatch.setattr(bench_speed, "_error", error)
-    rows = {row.name: row for row in bench_speed._planned_rows(lambda _: None)}
+    rows = {row.name: row for row in bench_speed._planned_rows()}
     assert rows["speed/plan/held"].value == pytest.approx(200.0 / 3.0)
     assert not rows["speed/plan/held"].met
     assert len(ran) == rows["speed/plan/planned"].value / 3.0  # type: ignore[operator]

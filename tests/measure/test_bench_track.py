@@ -10,9 +10,10 @@ import pytest
 
 from chromagrip.errors import UserError
 from chromagrip.measure.bench import track as bench_track
-from chromagrip.measure.bench.parts import bench
+from chromagrip.measure.engine import measure
 from chromagrip.measure.limits.kernels import fisher_information
 from chromagrip.measure.limits.positions import bounds, position_limits
+from chromagrip.measure.study import Asked
 from chromagrip.measure.worlds.track_motion import contact_motion, pitch
 from chromagrip.measure.worlds.track_scenes import SCENES, Conditions, Sequence, sequence
 from chromagrip.measure.worlds.track_scores import (
@@ -332,7 +333,8 @@ def test_rows_of_a_bench_and_their_table(theirs: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(bench_track, "QUICK_LONG", 2)
     monkeypatch.setattr(bench_track, "ROUND", 2)
     refusing = "users_trackers:Refusing"
-    report = bench("track", True, lambda _: None, ("constant", refusing))
+    asked = Asked(quick=True, methods=("constant", refusing))
+    report = measure("bench", "track", asked)
     json.dumps(report.as_json(), allow_nan=False)
     rows = {row.name: row for row in report.rows}
     refused = rows[f"sway/{refusing}/refused"]
@@ -364,26 +366,23 @@ def test_a_bug_of_a_tracker_is_not_taken_for_a_refusal(monkeypatch: pytest.Monke
     monkeypatch.setattr(bench_track, "TARGETS", {("sway", "lost"): Bounds(0.0, 0.0)})
     monkeypatch.setattr(bench_track, "QUICK_FRAMES", 1)
     with pytest.raises(IndexError, match="a bug"):
-        bench("track", True, lambda _: None, [Broken])
+        measure("bench", "track", Asked(quick=True, methods=(Broken,)))
 
 
 def test_impossible_wishes_are_one_sentence() -> None:
     with pytest.raises(UserError, match="no tracker 'nobody'; there is"):
-        bench("track", True, lambda _: None, ("nobody",))
-    with pytest.raises(UserError, match="--tracker goes with bench track"):
-        bench("model", True, lambda _: None, ("fit",))
-    with pytest.raises(UserError, match="no scene 'sea' for trackers; there is clean, "):
-        bench("track", True, lambda _: None, scenes=("sea",))
-    with pytest.raises(UserError, match="--scene goes with bench track"):
-        bench("model", True, lambda _: None, scenes=("sway",))
+        measure("bench", "track", Asked(quick=True, methods=("nobody",)))
+    with pytest.raises(UserError, match="bench track has no scene 'sea'; there is clean, "):
+        measure("bench", "track", Asked(quick=True, only=("sea",)))
 
 
 def test_a_scene_that_was_chosen_is_all_that_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_track, "QUICK_FRAMES", 2)
     told: list[str] = []
-    report = bench("track", True, told.append, ("constant",), scenes=("sway",))
+    asked = Asked(quick=True, methods=("constant",), only=("sway",))
+    report = measure("bench", "track", asked, progress=told.append)
     assert {row.subject[0] for row in report.rows} <= {"sway", "speed", "limit"}
-    assert all(text.startswith("scene 1 of 1, sway") for text in told)
+    assert told == ["scene sway: 1 of 1"]
 
 
 def test_objects_on_the_dome_move_the_markers_as_they_say() -> None:

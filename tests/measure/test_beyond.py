@@ -11,13 +11,20 @@ from chromagrip.errors import UserError
 from chromagrip.measure.bench import force as bench_force
 from chromagrip.measure.bench import force_beyond
 from chromagrip.measure.bench.force_sets import Measured
-from chromagrip.measure.bench.parts import bench
-from chromagrip.measure.beyond import groups
-from chromagrip.measure.beyond.carried_skin import CarriedSkin, Motion, turned
-from chromagrip.measure.beyond.cases import EXPONENTS, SIGMAS, Case
-from chromagrip.measure.beyond.finished_pictures import gradient, lit, rolled, shifted, tilted
-from chromagrip.measure.beyond.groups import BEYOND, GROUPS, beyond_grasp, beyond_scenes
-from chromagrip.measure.beyond.scores import UNITS, beyond_scores
+from chromagrip.measure.engine import measure
+from chromagrip.measure.study import Asked, find_study
+from chromagrip.measure.worlds.beyond import groups
+from chromagrip.measure.worlds.beyond.carried_skin import CarriedSkin, Motion, turned
+from chromagrip.measure.worlds.beyond.cases import EXPONENTS, SIGMAS, Case
+from chromagrip.measure.worlds.beyond.finished_pictures import (
+    gradient,
+    lit,
+    rolled,
+    shifted,
+    tilted,
+)
+from chromagrip.measure.worlds.beyond.groups import BEYOND, GROUPS, beyond_grasp, beyond_scenes
+from chromagrip.measure.worlds.beyond.scores import UNITS, beyond_scores
 from chromagrip.measure.worlds.force_scenes import watch
 from chromagrip.measure.worlds.force_scores import Answers, answers, constant
 from chromagrip.measure.worlds.grasps import calibration
@@ -335,9 +342,10 @@ def test_frames_that_the_tracker_refuses_are_flagged_and_have_a_truth(
     (scene,) = beyond_scenes("black", 0)
     assert "grey" in scene.refused
     assert 0.05 <= scene.margin <= 0.85
-    for read, found in answers("gp", "gp", scene).items():
-        assert found.flagged.all(), read
-        assert np.isnan(found.interval).all()
+    for read, by_name in answers("gp", "gp", scene).items():
+        for found in by_name.values():
+            assert found.flagged.all(), read
+            assert np.isnan(found.interval).all()
     case, grasped, run, seed = beyond_grasp("black", 0)
     assert case.specimen.renderer == "painter"
     with pytest.raises(UserError, match="grey"):
@@ -425,7 +433,7 @@ def test_mu_is_not_asked_for_where_it_cannot_be_seen() -> None:
 def test_rows_of_groups_and_parts_mark_what_a_constant_passes() -> None:
     results = Measured(
         true=TRUE,
-        answers={("sequential", read): said(share=0.5) for read in ("single", "0.1s")},
+        answers={read: {"sequential": said(share=0.5)} for read in ("single", "0.1s")},
         limit={},
         labels=tuple(("left" if k % 2 else "right", "all") for k in range(COUNT)),
     )
@@ -469,11 +477,12 @@ def test_a_run_has_the_groups_that_are_asked_for() -> None:
     asked = bench_force._counts(False, BEYOND, ("roll", "jpeg"))
     assert set(asked) == {(BEYOND, "roll"), (BEYOND, "jpeg")}
     assert {w for w, _ in bench_force._counts(True, "matched", ())} == {"matched"}
-    with pytest.raises(UserError, match="no group 'rolls'; there is roll, "):
-        bench("force", True, print, world=BEYOND, groups=("rolls",))
-    with pytest.raises(UserError, match="groups go with the worlds beyond and dome"):
-        bench("force", True, print, groups=("roll",))
-    with pytest.raises(UserError, match="no world 'outer'"):
-        bench("force", True, print, world="outer")
-    with pytest.raises(UserError, match="--world and --group go with bench force"):
-        bench("model", True, print, world=BEYOND)
+    for asked, said in (
+        (Asked(world=BEYOND, only=("rolls",)), "has no group 'rolls'; there is roll, "),
+        (Asked(world="outer"), "no world 'outer'; there is matched, "),
+    ):
+        with pytest.raises(UserError, match=said):
+            measure("bench", "force", asked)
+    # A group says which world it belongs to.
+    assert find_study("bench", "force", Asked(only=("roll",))).worlds[-1] == BEYOND
+    assert find_study("bench", "force", Asked(only=("elements",))).worlds == ("dome",)

@@ -17,18 +17,24 @@ from hypothesis import strategies as st
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
+from benchmarks.__main__ import load
 from chromagrip import UserError
-from chromagrip.measure.bench.force_sets import Measured
+from chromagrip.measure.bench.force import Speed
+from chromagrip.measure.bench.force_sets import Measured, Task
 from chromagrip.measure.charts import force as chart_force
 from chromagrip.measure.charts import force_dome
 from chromagrip.measure.charts.chart import Axis, Chart, Peer, Point, front
 from chromagrip.measure.charts.drawing import draw
 from chromagrip.measure.charts.loop import settings as settings_of_the_loop
-from chromagrip.measure.charts.page import PARTS, charts, write_charts
-from chromagrip.measure.domes.readings import Reading
-from chromagrip.measure.domes.sets import Result
+from chromagrip.measure.charts.page import write_chart
+from chromagrip.measure.engine import measure
+from chromagrip.measure.study import Asked, studies
 from chromagrip.measure.worlds import force_scores
+from chromagrip.measure.worlds.dome.readings import Reading
+from chromagrip.measure.worlds.dome.sets import Result, by_set
 from chromagrip.measure.worlds.force_scores import Answers
+from chromagrip.measure.worlds.grasps import LIBRARY
+from chromagrip.output.page import write_page
 
 
 def made_point(name: str, time: float, error: float) -> Point:
@@ -91,7 +97,7 @@ def test_the_front_is_a_front(told: list[tuple[float, float]]) -> None:
 
 def test_a_chart_is_drawn_with_a_tooltip_on_every_point(tmp_path: Path) -> None:
     chart = made_chart()
-    write_charts([chart], False, tmp_path)
+    write_page(tmp_path / "index.html", "Chart", [], [write_chart(chart, tmp_path)])
     root = ElementTree.parse(tmp_path / "made.svg").getroot()
     titles = {
         group.get("id"): group.findtext("{http://www.w3.org/2000/svg}title")
@@ -180,7 +186,7 @@ class Page(HTMLParser):
 
 def test_the_page_holds_all_that_it_shows(tmp_path: Path) -> None:
     chart = made_chart()
-    write_charts([chart], False, tmp_path)
+    write_page(tmp_path / "index.html", "Chart", [], [write_chart(chart, tmp_path)])
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     ElementTree.fromstring(text)  # well-formed
     page = Page()
@@ -200,7 +206,7 @@ def test_the_page_opens_from_disk(tmp_path: Path) -> None:
     if browser is None:
         pytest.skip("no Chromium is installed; `apt install chromium` brings one")
     chart = made_chart()
-    write_charts([chart], False, tmp_path)
+    write_page(tmp_path / "index.html", "Chart", [], [write_chart(chart, tmp_path)])
     shown = subprocess.run(
         [
             browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom",
@@ -211,21 +217,18 @@ def test_the_page_opens_from_disk(tmp_path: Path) -> None:
     assert shown.count("set as &lt;c&gt;") >= 3
 
 
-def test_a_chart_has_errors_beside_the_constant_and_the_limit(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_chart_has_errors_beside_the_constant_and_the_limit() -> None:
     true = np.array([[1.0, 0.2, 0.5, 0.6], [2.0, 0.4, 0.6, 0.7], [4.0, 1.0, 0.4, 0.3]])
     value = true + np.array([0.1, 0.0, 0.0, 0.02])
     said = Answers(value=value, interval=np.stack([value] * 2, axis=-1), flagged=true[:, 0] < 0.0)
     found = Measured(
         true=true,
-        answers={("gp", read): said for read in force_scores.READ},
+        answers={read: {"gp": said} for read in force_scores.READ},
         limit={"single": 0.01 * true, "0.1s": np.full(true.shape, 0.005)},
     )
-    monkeypatch.setattr(chart_force, "measure", lambda *_: {"matched": found})
-    monkeypatch.setattr(chart_force, "timed_scenes", list)
-    monkeypatch.setattr(chart_force, "times", lambda *_: {"gp": [1.0, 2.0, 4.0]})
-    chart = chart_force.chart_force(True, lambda _: None, ("gp",))
+    task = Task(world="matched", kind=LIBRARY, index=0, reconstructors={}, limited=True)
+    times = Speed({}, 3), [("gp", [1.0, 2.0, 4.0])]
+    chart = chart_force._chart([(task, found), times], {"gp": "gp"}, 1)
     rows = {row.name: row.value for row in chart.rows()}
     assert rows["force/gp/time"] == 2.0
     assert rows["force/gp/single/margin_rms"] == pytest.approx(0.02)
@@ -234,26 +237,30 @@ def test_a_chart_has_errors_beside_the_constant_and_the_limit(
     assert rows["force/limit/0.1s/margin_rms"] == pytest.approx(0.005)
 
 
-@pytest.mark.parametrize("part", ["model", pytest.param("track", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("part", ["chart-model", "chart-dome", "track"])
 def test_a_stage_yields_its_points(part: str, tmp_path: Path) -> None:
     """More work is never drawn as less wrong than the truth it is measured against."""
-    report = charts([part], True, tmp_path / "new", False, lambda _: None)
+    out, verb = tmp_path / "new", "chart" if part == "track" else "project"
+    load()
+    report = measure(verb, part, Asked(quick=True), out=out)
     rows = {row.name: row.value for row in report.rows}
-    assert len([name for name in rows if name.endswith("/time")]) >= 5
+    assert len([name for name in rows if name.endswith("/time")]) >= 4
     values = {name: value for name, value in rows.items() if value is not None and value > 0.0}
     assert values.keys() == rows.keys()
-    if part == "model":
+    if part == "chart-model":
         slow, fast = (f"model/251 nodes, {step} ms" for step in ("2", "10"))
         assert values[f"{slow}/normal_error"] < values[f"{fast}/normal_error"]
+    elif part == "chart-dome":
         coarse, fine = (f"model-dome/{pitch} mm, 5 ms/place_error" for pitch in ("0.8", "0.6"))
         assert 1.5 * values[fine] < values[coarse] < 10.0
-        assert (tmp_path / "new" / "model-dome.png").stat().st_size > 0
     else:
         limit = values["track/Cramér–Rao/clean/rms"]
         assert values["track/fit/clean/rms"] > 0.8 * limit
         assert values["track/chromatouch/clean/rms"] > 5.0 * values["track/fit/clean/rms"]
-    for name in (f"{part}.svg", f"{part}.png", f"{part}.csv", "charts.json", "index.html"):
-        assert (tmp_path / "new" / name).stat().st_size > 0
+    ends = sorted(path.suffix for path in out.iterdir())
+    assert ends == [".csv", ".html", ".json", ".png", ".svg"]
+    assert all(path.stat().st_size for path in out.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -265,7 +272,7 @@ def test_a_stage_yields_its_points(part: str, tmp_path: Path) -> None:
     ],
 )
 def test_a_chart_of_domes_has_all_that_read_them(
-    quick: bool, chosen: tuple[str, ...], others: set[str], monkeypatch: pytest.MonkeyPatch
+    quick: bool, chosen: tuple[str, ...], others: set[str]
 ) -> None:
     """Errors are those of the frames that are not flagged; the constant answer is the mean."""
     true = np.array([[1.0, 0.2, 0.5, 0.6], [2.0, 0.4, 0.5, 0.6], [4.0, 1.0, 0.5, 0.5]])
@@ -280,20 +287,16 @@ def test_a_chart_of_domes_has_all_that_read_them(
     said = Reading(
         answers=answers, side=side, spent=np.array([0.02, np.nan, 0.04]), late=np.zeros(3, bool)
     )
-    asked: list[tuple[str, str]] = []
-
-    def measured(
-        counts: dict[tuple[str, str], int], methods: dict[str, object], _: object
-    ) -> dict[tuple[str, str], Result]:
-        asked.extend(counts)
-        found = Result(true=true, side=side, readings=dict.fromkeys(methods, said))
-        return dict.fromkeys(counts, found)
-
-    monkeypatch.setattr(force_dome, "measure_domes", measured)
-    chart = force_dome.chart_force_dome(quick, lambda _: None, chosen)
+    study = force_dome.dome_chart(Asked(quick=quick, methods=chosen))
+    assert {task.design for task in study.settings} == {"thesis", *others}
+    results = [
+        (task, Result(true=true, side=side, readings=dict.fromkeys(task.reconstructors, said)))
+        for task in study.settings
+    ]
+    once = {task.design: (task, result) for task, result in results}
+    chart = force_dome._chart(by_set(list(once.values())), 1)
     names = [*chosen] or ["sequential", "gp", "contact", "traction"]
     assert [point.name for point in chart.points] == names
-    assert {design for design, _ in asked} == {"thesis", *others}
     for point in chart.points:
         assert point.times == [20.0, 40.0]
         assert point.errors["normal_error"] == pytest.approx(10.0)  # of 1 N and of 2 N
@@ -305,10 +308,10 @@ def test_a_chart_of_domes_has_all_that_read_them(
 
 
 def test_every_stage_has_a_chart() -> None:
-    assert set(PARTS) == {"model", "render", "track", "force", "loop"}
-    assert len(settings_of_the_loop(False)) >= 10
+    assert set(studies("chart")) == {"track", "force", "loop"}
+    assert len(settings_of_the_loop(False)) >= 8
 
 
 def test_nobody_is_no_reconstructor(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no reconstructor 'nobody'"):
-        charts(["force"], True, tmp_path / "new", False, lambda _: None, ("nobody",))
+        measure("chart", "force", Asked(methods=("nobody",)), out=tmp_path / "new")

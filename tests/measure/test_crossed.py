@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from chromagrip import UserError
-from chromagrip.measure.domes.across import dome_states, solid_of
+from chromagrip.measure.worlds.dome.across import dome_states, solid_of
 from chromagrip.measure.worlds.force_scenes import Grasp
 from chromagrip.model import ContactObject, Drive, dome_forces
 from chromagrip.render import load_sensor

@@ -4,9 +4,10 @@ import json
 
 import pytest
 
-from chromagrip.measure.bench.parts import bench
-from chromagrip.measure.domes import loop
-from chromagrip.measure.domes.loop import SETS, Grip, Task, report_of, tasks
+from chromagrip.measure.bench import loop_dome as loop
+from chromagrip.measure.bench.loop_dome import SETS, Grip, Task, report_of, tasks
+from chromagrip.measure.engine import measure
+from chromagrip.measure.study import Asked
 from chromagrip.output.report import values
 from chromagrip.scene.scene import load_scene
 from chromagrip.thesis import DESIRED_MARGIN
@@ -23,7 +24,7 @@ LOST = Grip(lost=True, margin=0.0, force=15.0, counts=FRAMES)
 
 
 def scored(runs: dict[Task, Grip | str]) -> dict[str, float | None]:
-    return {name[-1]: value for name, value in values(report_of(runs, True).rows).items()}
+    return {name[-1]: value for name, value in values(report_of(list(runs.items())).rows).items()}
 
 
 def test_what_slides_with_the_true_forces_is_told_apart() -> None:
@@ -83,8 +84,7 @@ def test_each_object_is_gripped_with_each_specimen() -> None:
 
 
 def test_the_command_reports_rows_of_each_set(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(loop, "map_processes", lambda work, todo, *_, **__: map(work, todo))
     monkeypatch.setattr(loop, "grip_of", lambda _: held())
-    report = bench("loop", True, lambda _: None, world="dome")
+    report = measure("bench", "loop", Asked(quick=True, world="dome"), workers=1)
     assert {row.subject for row in report.rows} == {(name,) for name in SETS}
     assert json.dumps([row.value for row in report.rows])

@@ -13,16 +13,17 @@ from msgspec import structs
 from scipy.spatial.transform import Rotation
 
 from chromagrip.errors import UserError
-from chromagrip.measure.bench.parts import bench
-from chromagrip.measure.domes import readings, scenes
-from chromagrip.measure.domes.across import WORLDS, across_scene, random_grasp
-from chromagrip.measure.domes.elements import CASES, ElementField, presses
-from chromagrip.measure.domes.grips import MARGINS, SMOOTH, UNLIKE, Grip, random_grip, turned
-from chromagrip.measure.domes.readings import UNITS, Reading, constant, read, scores
-from chromagrip.measure.domes.report import report_of
-from chromagrip.measure.domes.scenes import Watched, watch
-from chromagrip.measure.domes.sets import DESIGNS, NEXT, Result, counts_of, joined, readers_of
-from chromagrip.measure.domes.specimens import (
+from chromagrip.measure.bench.force_dome import report_of
+from chromagrip.measure.engine import measure
+from chromagrip.measure.study import Asked
+from chromagrip.measure.worlds.dome import readings, scenes
+from chromagrip.measure.worlds.dome.across import WORLDS, across_scene, random_grasp
+from chromagrip.measure.worlds.dome.elements import CASES, ElementField, presses
+from chromagrip.measure.worlds.dome.grips import MARGINS, SMOOTH, UNLIKE, Grip, random_grip, turned
+from chromagrip.measure.worlds.dome.readings import UNITS, Reading, constant, read, scores
+from chromagrip.measure.worlds.dome.scenes import Watched, watch
+from chromagrip.measure.worlds.dome.sets import DESIGNS, NEXT, Result, counts_of, joined, readers_of
+from chromagrip.measure.worlds.dome.specimens import (
     OFF,
     SPECIMENS,
     Specimen,
@@ -385,7 +386,7 @@ def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
         ("thesis", "chain"): _result(0.5, ("gp", "contact")),
         ("thesis", "soft"): _result(0.01, ("traction", "contact")),
     }
-    report = report_of(sets, True)
+    report = report_of(sets)
     rows = {row.name: row for row in report.rows}
     assert rows["dome/dome-2020/mismatched/normal_share"].met is True
     assert rows["dome/dome-2022/mismatched/normal_share"].met is False
@@ -414,8 +415,8 @@ def test_groups_of_the_world_are_chosen() -> None:
     assert readers_of("thesis", "soft") == ("traction", "contact")
     assert "traction" in readers_of("thesis", "dome")
     assert readers_of("dome-2020", "matched") == ("contact",)
-    with pytest.raises(UserError, match="no group 'roll'; there is matched"):
-        bench("force", True, print, world="dome", groups=["roll"])
+    with pytest.raises(UserError, match="has no group 'roll'; there is matched"):
+        measure("bench", "force", Asked(world="dome", only=("roll",)))
 
 
 @pytest.mark.slow

@@ -4,10 +4,15 @@ import math
 
 import pytest
 
+from benchmarks.model.pinch_steps import (
+    FREQUENCY,
+    euler_loss,
+    momentum_lacks,
+    predicted_loss,
+    swing_loss,
+)
 from chromagrip.errors import UserError
-from chromagrip.measure.bench.parts import bench
-from chromagrip.measure.pinches import bench as pinches
-from chromagrip.measure.pinches.bench import (
+from chromagrip.measure.bench.control_pinch import (
     CONSTANT,
     GRIPS,
     LIFT,
@@ -15,20 +20,16 @@ from chromagrip.measure.pinches.bench import (
     WEIGHTS,
     Outcome,
     Task,
-    constant_that_holds,
+    grips_of,
+    larger_grips,
     mass_of,
     object_in_hand,
     outcome_of,
     report_of,
     tasks,
 )
-from chromagrip.measure.pinches.steps import (
-    FREQUENCY,
-    euler_loss,
-    momentum_lacks,
-    predicted_loss,
-    swing_loss,
-)
+from chromagrip.measure.engine import measure
+from chromagrip.measure.study import Asked
 from chromagrip.output.report import values
 from chromagrip.scene.fingers import build_pinch
 from chromagrip.scene.scene import load_scene
@@ -47,38 +48,41 @@ def lifts(path: str, name: str, *runs: Outcome | str) -> dict[Task, Outcome | st
 
 def test_outcomes_are_counted_and_a_run_that_stopped_is_none_of_them() -> None:
     runs = lifts("truth", "a", run(), run("dropped"), run("dropped"), run("crushed"), "gave up")
-    found = values(report_of(runs, {LIFT: 3.0}, True).rows)
+    found = values(report_of(runs, ()).rows)
     case = (LIFT, "truth", "a")
     counts = [found[*case, name] for name in ("runs", "held", "dropped", "turned", "crushed")]
     assert counts == [5, 1, 2, 0, 1]
     assert found[*case, "stopped"] == 1
 
 
+def held_by(grip: float, *runs: Outcome) -> dict[Task, Outcome | str]:
+    """Runs with a constant grip [N]."""
+    return {Task(LIFT, "truth", CONSTANT, k, 0, grip): each for k, each in enumerate(runs)}
+
+
 def test_pressure_is_compared_with_the_constant_grip() -> None:
     runs = lifts("camera", "a", run(pressure=30.0), run(pressure=50.0))
-    runs |= lifts("truth", CONSTANT, run(pressure=80.0), run(pressure=80.0))
-    found = values(report_of(runs, {LIFT: 4.0}, True).rows)
+    holds = runs | held_by(3.0, run("dropped", 70.0)) | held_by(4.0, run(pressure=80.0))
+    found = values(report_of(holds, (LIFT,)).rows)
     assert found[LIFT, "camera", "a", "gentler"] == pytest.approx(50.0)
     assert found[LIFT, "truth", CONSTANT, "smallest"] == 4.0
-    without = values(report_of(runs, {LIFT: None}, True).rows)
-    assert (LIFT, "camera", "a", "gentler") not in without
+    none = runs | held_by(4.0, run(pressure=80.0), run("dropped"))
+    assert (LIFT, "camera", "a", "gentler") not in values(report_of(none, (LIFT,)).rows)
 
 
-def test_the_constant_grip_is_the_smallest_that_lifts_every_object(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_constant_grip_is_the_smallest_that_lifts_every_object() -> None:
     def outcome(task: Task) -> Outcome:
         assert task.grip is not None
         assert task.thing is not None
         return run("held" if task.grip >= 3.0 + task.thing else "dropped")
 
-    monkeypatch.setattr(pinches, "map_processes", lambda _, todo, *__, **___: map(outcome, todo))
-    grip, runs = constant_that_holds(LIFT, (0, 2), lambda _: None)
-    assert grip == 5.0
-    assert {task.grip for task in runs} == {5.0}
-    grip, runs = constant_that_holds(LIFT, (0, 20), lambda _: None)
-    assert grip is None
-    assert {task.grip for task in runs} == {GRIPS[-1]}
+    for heaviest, grip in ((2, 5.0), (20, GRIPS[-1])):
+        runs: dict[Task, Outcome | str] = {}
+        while todo := larger_grips(runs, (LIFT,), (0, heaviest)):
+            runs |= {task: outcome(task) for task in todo}
+        assert grips_of(runs, LIFT)[-1] == grip
+        smallest = values(report_of(runs, (LIFT,)).rows)[LIFT, "truth", CONSTANT, "smallest"]
+        assert smallest == (grip if heaviest == 2 else None)
 
 
 @pytest.mark.parametrize("thing", [0, 1, 2])
@@ -116,9 +120,7 @@ def test_too_small_a_grip_drops_and_a_large_one_holds() -> None:
 
 def test_a_controller_that_is_none_is_refused_before_anything_runs() -> None:
     with pytest.raises(UserError, match="no controller 'mine'"):
-        bench("control", True, print, controllers=("mine",), world="pinch")
-    with pytest.raises(UserError, match="--world pinch with bench control"):
-        bench("model", True, print, world="pinch")
+        measure("bench", "control", Asked(methods=("mine",), world="pinch"))
 
 
 def test_a_step_takes_of_a_swing_what_analysis_says() -> None:

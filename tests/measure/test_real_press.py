@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from chromagrip.measure.real_press import FLOW, outward_flow, real_presses
+from benchmarks.render.real_press import FLOW, outward_flow, real_presses
 from chromagrip.model.shapes import ball, plane
 from chromagrip.render import load_sensor
 

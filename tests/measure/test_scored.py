@@ -16,16 +16,19 @@ from hypothesis import strategies as st
 
 from chromagrip.cli.app import main
 from chromagrip.errors import UserError
-from chromagrip.measure.scored.intervals import intervals
-from chromagrip.measure.scored.points import Points, read_points
-from chromagrip.measure.scored.score import (
+from chromagrip.measure.score.intervals import intervals
+from chromagrip.measure.score.points import Points, read_points
+from chromagrip.measure.score.score import (
     Outcome,
+    _factor,
+    _rank,
     as_json,
     case_tables,
     interval_note,
     score_table,
 )
-from chromagrip.measure.scored.scores import UNITS, Truth, score, score_nothing
+from chromagrip.measure.score.scores import UNITS, Scored, Truth, score, score_nothing
+from chromagrip.measure.score.truths import Named
 
 FRAMES, COUNT = 6, 30
 
@@ -250,6 +253,7 @@ def test_the_command_ranks_trackers_on_a_dataset(
     assert told == json.loads((out / "scores.json").read_text(encoding="utf-8"))
     found = {entry["tracks"]: entry["scores"] for entry in told["tracks"]}
     assert 0.8 < found["fit"]["bound"] < 1.6
+    assert list(found) == ["fit", "lk"]  # by the error over the bound
     assert found["fit"]["rms"] < found["lk"]["rms"]
     assert found["fit"]["rms_mm"] == pytest.approx(found["fit"]["rms"] * 0.044, rel=0.3)
     page = (out / "leaderboard.html").read_text(encoding="utf-8")
@@ -331,6 +335,37 @@ def of_names(name: str, values: list[float]) -> Outcome:
     mean = dict.fromkeys(UNITS, float(np.mean(values)))
     bounds = intervals(list(found.values()))
     return Outcome(name=name, scores=mean, intervals=bounds, sequences=found, worst=None)
+
+
+def test_tracks_are_ranked_by_the_bound_and_what_is_lost_comes_last() -> None:
+    def outcome(name: str, **scores: float) -> Outcome:
+        usual = dict.fromkeys(UNITS, 0.0) | {"bound": np.nan, "jaccard": 99.0}
+        return Outcome(name=name, scores=usual | scores, intervals={}, sequences={}, worst=None)
+
+    ranked = sorted(
+        [
+            outcome("lossy", bound=1.0, lost=30.0, jaccard=70.0),
+            outcome("coarse", bound=9.0, jaccard=99.9),
+            outcome("invents", bound=1.0, false=6.0, jaccard=94.0),
+            outcome("close", bound=1.2, lost=2.0, jaccard=98.0),
+            outcome("unknown", jaccard=99.0),
+        ],
+        key=_rank,
+    )
+    assert [one.name for one in ranked] == ["close", "coarse", "unknown", "invents", "lossy"]
+
+
+def test_errors_of_all_tracks_are_drawn_by_one_factor() -> None:
+    """That of the largest typical error, so that lengths compare."""
+    truth = Truth(points=moving())
+    count = truth.points.visible.shape[1]
+    picture = np.zeros((480, 640, 3), np.uint8)
+    found = []
+    for error in (0.01, 0.5):
+        named = Named(name="s", truth=truth, tracks=None, pictures=[picture])
+        off = np.full((1, count, 2), error)
+        found.append((named, Scored(scores={}, error=off, at=off), 0))
+    assert [_factor(frame) for frame in found] == [300.0, 10.0]
 
 
 def test_each_case_has_its_own_mean() -> None:

@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from chromagrip.measure import side_by_side as page
-from chromagrip.measure.side_by_side import Press, Side, side_by_side, side_rows, side_table
-from chromagrip.measure.side_by_side_figure import draw_side_by_side
+from benchmarks.model import side_by_side as page
+from benchmarks.model.side_by_side import Press, Side, side_by_side, side_rows, side_table
+from benchmarks.model.side_by_side_figure import draw_side_by_side
 from chromagrip.output.figure import png
 
 
 @pytest.fixture(scope="module")
 def sides() -> list[Side]:
-    return side_by_side(True, lambda _: None)
+    return side_by_side(True)
 
 
 def test_what_equilibrium_demands_is_the_same(sides: list[Side]) -> None:

@@ -9,15 +9,19 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from chromagrip.measure.stability import cells, dome, figures, force, model, track
+from benchmarks.model import chain_map as model
+from benchmarks.model import dome_map as dome
+from chromagrip.measure.stability import cells, figures, force, track
 from chromagrip.measure.stability.grips import cells as grips
 from chromagrip.measure.stability.maps import Map, maps
 
 Draw = Callable[[Any, Path, bool], None]
 
 
-def drawn(draw: Draw, results: Sequence[Any], monkeypatch: pytest.MonkeyPatch) -> Figure:
-    """Figure that a function would write."""
+def drawn(
+    home: ModuleType, draw: Draw, results: Sequence[Any], monkeypatch: pytest.MonkeyPatch
+) -> Figure:
+    """Figure that a function of a module would write."""
     shown: list[Figure] = []
 
     def kept(figure: Figure) -> bytes:
@@ -25,7 +29,7 @@ def drawn(draw: Draw, results: Sequence[Any], monkeypatch: pytest.MonkeyPatch) -
         shown.append(figure)
         return b""
 
-    monkeypatch.setattr(figures, "png", kept)
+    monkeypatch.setattr(home, "png", kept)
     monkeypatch.setattr(Path, "write_bytes", lambda *_: 0)
     draw(results, Path("map.png"), False)
     return shown[0]
@@ -69,9 +73,9 @@ def test_every_outcome_has_a_colour_and_a_letter_of_its_own(kind: ModuleType) ->
 @pytest.mark.parametrize(
     ("kind", "draw", "made"),
     [
-        (model, figures.draw_model, model_cells),
-        (dome, figures.draw_dome, dome_cells),
-        (force, figures.draw_force, force_cells),
+        (model, model.draw_model, model_cells),
+        (dome, dome.draw_dome, dome_cells),
+        (force, force.draw_force, force_cells),
     ],
 )
 def test_the_legend_explains_every_outcome(
@@ -80,7 +84,7 @@ def test_the_legend_explains_every_outcome(
     made: Callable[[], list[Any]],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    figure = drawn(draw, made(), monkeypatch)
+    figure = drawn(kind, draw, made(), monkeypatch)
     (legend,) = figure.legends
     told = {
         to_hex(patch.get_facecolor()): text.get_text()
@@ -127,7 +131,7 @@ def test_curves_of_trackers_differ_by_more_than_colour(monkeypatch: pytest.Monke
         for k in range(10)
         for value in (1.0, 2.0)
     ]
-    figure = drawn(figures.draw_track, results, monkeypatch)
+    figure = drawn(track, track.draw_track, results, monkeypatch)
     (legend,) = figure.legends
     looks = {(line.get_marker(), line.get_linestyle()) for line in legend.get_lines()}
     assert len(looks) == len(legend.get_texts()) == 11

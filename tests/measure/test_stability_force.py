@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from chromagrip.measure.domes.readings import Reading
+from chromagrip.measure.engine import measure
 from chromagrip.measure.stability import force
 from chromagrip.measure.stability.force import (
     DIALS,
@@ -16,17 +16,19 @@ from chromagrip.measure.stability.force import (
     Cell,
     Setting,
     case_of,
-    cell,
+    force_map,
+    judged,
     report,
-    settings,
     text_of,
 )
-from chromagrip.measure.stability.parts import stability_force
+from chromagrip.measure.study import ALL, Asked
+from chromagrip.measure.worlds.dome.readings import Reading
 from chromagrip.measure.worlds.force_scores import Answers
+from chromagrip.model import ForceField
+from chromagrip.tracking import Tracks
 
 #: (ΣFn, ΣFf, µ, Γ) of two frames.
 TRUE = np.array([[2.0, 0.4, 0.5, 0.6], [2.0, 0.9, 0.5, 0.1]])
-SETTING = Setting("thesis", "contact", "noise", "4")
 
 
 def said(
@@ -57,11 +59,10 @@ def said(
     ],
 )
 def test_the_worst_outcome_counts(reading: Reading, outcome: str, percent: float) -> None:
-    found = cell(SETTING, reading, TRUE)
-    assert found.outcome == outcome
-    assert found.normal_percent == pytest.approx(percent, nan_ok=True)
-    assert (found.setting, found.frames) == (SETTING, 2)
-    assert found.flagged == reading.answers.flagged.sum()
+    found, normal, _, flagged, frames = judged(reading, TRUE)
+    assert found == outcome
+    assert normal == pytest.approx(percent, nan_ok=True)
+    assert (flagged, frames) == (reading.answers.flagged.sum(), 2)
 
 
 def test_a_dial_turns_one_condition() -> None:
@@ -74,8 +75,9 @@ def test_a_dial_turns_one_condition() -> None:
         # The usual value is among them, so that panels can be compared.
         assert vars(dial.base)[name] in dial.values
     assert case_of("ball", "flat").ball == math.inf
-    assert len(set(settings(False))) == len(settings(False)) == 5 * 42
-    assert set(settings(True)) <= set(settings(False))
+    whole = force_map(ALL).settings
+    assert sum(len(one.methods) for one in whole) == 5 * 42
+    assert all(one in whole for one in force_map(Asked(quick=True)).settings)
 
 
 @pytest.mark.slow
@@ -93,48 +95,51 @@ def test_a_scene_is_as_its_case_says() -> None:
     np.testing.assert_allclose(
         read.answers.value[:, 0], stiffer.true[:, 0] / 1.3, rtol=0.06
     )  # of the same shape, in linear silicone under a hard object
-    found = cell(Setting("dome-2022", "contact", "young", "1.3"), read, stiffer.true)
-    assert 15.0 < found.normal_percent < 30.0
+    _, percent, *_ = judged(read, stiffer.true)
+    assert 15.0 < percent < 30.0
 
 
-def test_a_map_goes_on_and_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[tuple[str, str]] = []
-
-    def scene(group: list[Setting]) -> list[Cell]:
-        if len(made) == 2 and not (tmp_path / "stopped").exists():
-            (tmp_path / "stopped").touch()
-            raise KeyboardInterrupt
-        made.append((group[0].dial, group[0].value))
-        outcomes = ["wrong, narrow and unflagged", "frames flagged", "accurate", "accurate"]
+def test_a_map_is_drawn_with_ones_own_beside_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def made(setting: Setting) -> list[Cell]:
+        outcomes = ["wrong, narrow and unflagged", "frames flagged", *["accurate"] * 3]
         return [
-            Cell(*one, outcome, 20.0, 0.3, 0, 4, "")
-            for one, outcome in zip(group, outcomes, strict=True)
+            Cell(setting.design, name, setting.dial, setting.value, outcome, 20.0, 0.3, 0, 4, "")
+            for name, outcome in zip(setting.methods, outcomes, strict=True)
         ]
 
-    monkeypatch.setattr(force, "_cells_of_scene", scene)
+    class Own:
+        """Reads nothing."""
+
+        def reset(self) -> None: ...
+
+        def update(self, tracks: Tracks) -> ForceField:
+            raise AssertionError
+
+    monkeypatch.setattr(force, "cells", made)
     out = tmp_path / "map"
-    with pytest.raises(KeyboardInterrupt):
-        stability_force(True, out, False, lambda _: None, 1)
-    told = stability_force(True, out, False, lambda _: None, 1)
-    assert made == [("noise", "8"), ("shape", "ball"), ("shape", "edge")]
-    assert {path.name for path in out.iterdir()} == {"map.png", "map.csv"}
+    report = measure("stability", "force", Asked(quick=True, methods=(Own,)), out=out, workers=1)
+    names = {"map.png", "map.csv", "results.json", "index.html"}
+    assert {path.name for path in out.iterdir()} == names
     with (out / "map.csv").open(encoding="utf-8") as file:
-        assert len(list(csv.DictReader(file))) == 12
-    counts = {row.subject[2]: row.value for row in told.rows if row.score == "accurate"}
-    assert counts == {"sequential": 0, "gp": 0, "contact": 3, "traction": 3}
+        assert len(list(csv.DictReader(file))) == 15
+    counts = {row.subject[2]: row.value for row in report.rows if row.score == "accurate"}
+    assert counts == {"sequential": 0, "gp": 0, "contact": 3, "traction": 3, "Own": 3}
 
 
 def test_what_reads_domes_and_is_wrong_is_named() -> None:
-    bad = Cell(*SETTING, "wrong, narrow and unflagged", 31.0, 0.4, 0, 4, "")
+    bad = Cell(
+        "thesis", "contact", "noise", "4", "wrong, narrow and unflagged", 31.0, 0.4, 0, 4, ""
+    )
     gone = Cell("thesis", "gp", "grip", "3", "not held", math.nan, math.nan, 0, 0, "it gave up")
-    assert report([bad, gone], False).notes == (
+    assert report([bad, gone]).notes == (
         "contact on thesis is wrong, narrow and unflagged at noise 4: ΣFn 31 % off, Γ 0.40",
         "thesis, grip 3: it gave up",
     )
 
 
 def test_an_object_that_slides_off_is_not_held() -> None:
-    wanted = [one for one in settings(False) if one[0] == "thesis" and one[2:] == ("ball", "0.12")]
-    found = list(force.cells(wanted, 1, lambda _: None))
-    assert [one.setting for one in found] == wanted
+    found = force.cells(Setting("thesis", "ball", "0.12", {"gp": "gp", "contact": "contact"}))
+    assert [one.method for one in found] == ["gp", "contact"]
     assert {(one.outcome, one.note) for one in found} == {("not held", "the object slides off")}

@@ -1,17 +1,16 @@
 """Maps of a dome and of two fingers: boundaries by analysis against runs, and resumed work."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from subprocess import CompletedProcess
 from typing import get_args
 
 import numpy as np
 import pytest
 
 from chromagrip.loop.trace import Trace
-from chromagrip.measure.stability.grips import parts
+from chromagrip.measure.engine import measure
+from chromagrip.measure.stability.grips import study as grip_study
 from chromagrip.measure.stability.grips.cells import (
     OUTCOMES,
     Cell,
@@ -22,7 +21,6 @@ from chromagrip.measure.stability.grips.cells import (
     outcome,
 )
 from chromagrip.measure.stability.grips.maps import maps
-from chromagrip.measure.stability.grips.parts import stability_grips
 from chromagrip.measure.stability.grips.predicted import (
     farthest,
     heaviest,
@@ -33,6 +31,7 @@ from chromagrip.measure.stability.grips.predicted import (
     slowest_rate,
     slowest_reaction,
 )
+from chromagrip.measure.study import Asked
 
 WORLDS: tuple[World, ...] = get_args(World)
 CONSTANT = Setting(world="pinch", controller="conservative")
@@ -84,7 +83,7 @@ def test_what_a_controller_reaches_while_the_object_slides() -> None:
         "react-to-slip": 6.0,  # three steps of 1 N, at 1.3, 2.6 and 3.9 mm
         "margin-inversion": 15.0,
         # On the table Γ is 1, and the grip opens to its floor.
-        "safety-margin": pytest.approx(0.1 + 0.3 * (0.25 + 30.0 * (tau - 2.0 / 60.0))),
+        "safety-margin": pytest.approx(2.0 + 0.3 * (1.0 + 60.0 * (tau - 2.0 / 60.0))),
     }
     # 600 g are 1.96 times what 3 N bear: two rises by 1/0.7.
     heavy = replace(CONSTANT, controller="margin-inversion", mass_g=600.0)
@@ -115,7 +114,7 @@ def test_the_worst_outcome_counts() -> None:
 
 
 @pytest.mark.parametrize("world", WORLDS)
-def test_an_interrupted_map_goes_on(
+def test_every_cell_is_drawn_and_counted(
     world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ran: list[Setting] = []
@@ -126,22 +125,16 @@ def test_an_interrupted_map_goes_on(
         names = list(OUTCOMES)
         return Cell(**vars(setting), outcome=names[len(ran) % len(names)], note="a, b")
 
-    monkeypatch.setattr(parts, "cell", quick_cell)
-
-    def stop_at_the_third(text: str) -> None:
-        if text.startswith("3 of"):
-            raise KeyboardInterrupt
-
-    out = tmp_path / "out"
-    with pytest.raises(KeyboardInterrupt):
-        stability_grips(world, True, out, False, stop_at_the_third, 1)
-    assert [path.name for path in out.iterdir()] == ["cells.unfinished.csv"]
-    said = stability_grips(world, True, out, False, lambda _: None, 1)
+    monkeypatch.setattr(grip_study, "cell", quick_cell)
+    out, asked = tmp_path / "out", Asked(quick=True, world=world, methods=("react-to-slip",))
+    report = measure("stability", "loop", asked, out=out, workers=1)
     assert len(ran) == len(set(ran))
-    names = {f"{name}.{end}" for name in maps(world, True) for end in ("csv", "png", "svg")}
-    assert {path.name for path in out.iterdir()} == names
-    panels = sum(len(which.settings()) for which in maps(world, True).values())
-    assert sum(row.value or 0 for row in said.rows) == panels
+    plan = maps(world, True, ("react-to-slip",))
+    names = {f"{name}.{end}" for name in plan for end in ("csv", "png", "svg")}
+    assert {path.name for path in out.iterdir()} == names | {"results.json", "index.html"}
+    cells = sum(len(which.settings()) for which in plan.values())
+    assert sum(row.value or 0 for row in report.rows) == cells
+    assert {one.controller for one in ran} >= {"react-to-slip", "safety-margin"}
 
 
 @pytest.mark.parametrize("world", WORLDS)
@@ -152,13 +145,3 @@ def test_maps_name_real_settings_and_draw_their_boundaries(world: World) -> None
             assert which.at(panel, panel.x[0], panel.y[-1]).scene().path == "truth"
             for line in which.lines(panel):
                 assert np.isfinite([line.x, line.y]).all()
-
-
-def test_worlds_are_for_the_loop_only(typed: Callable[..., CompletedProcess[str]]) -> None:
-    for words, said in (
-        (["stability", "track", "--world", "dome"], "--world goes with stability loop, not with"),
-        (["stability", "loop", "--world", "chain"], "chain"),
-    ):
-        done = typed(*words)
-        assert done.returncode == 2
-        assert said in done.stderr

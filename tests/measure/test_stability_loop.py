@@ -2,10 +2,9 @@
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from subprocess import CompletedProcess
 
 import msgspec
 import numpy as np
@@ -17,7 +16,8 @@ from numpy.typing import NDArray
 from chromagrip.errors import UserError
 from chromagrip.loop.run import run
 from chromagrip.loop.trace import Trace
-from chromagrip.measure.stability import boundaries, parts
+from chromagrip.measure.engine import UNFINISHED, measure
+from chromagrip.measure.stability import loop as loop_study
 from chromagrip.measure.stability.boundaries import onset
 from chromagrip.measure.stability.cells import (
     CRUSH,
@@ -52,8 +52,9 @@ from chromagrip.measure.stability.maps import (
     maps,
 )
 from chromagrip.measure.stability.panels import place
-from chromagrip.measure.stability.parts import stability_loop
+from chromagrip.measure.study import Asked
 from chromagrip.model import GROSS_SLIP, Drive, ForceField, contact_forces, simulate
+from chromagrip.output.report import Report
 from chromagrip.scene.scene import load_scene
 from chromagrip.sensing.observers import TruthObserver
 
@@ -268,12 +269,12 @@ def test_places_along_an_axis() -> None:
     )
 
 
-def small_plan(_: bool) -> dict[str, Map]:
+def small_plan(_: bool, own: Sequence[str] = ()) -> dict[str, Map]:
     """A few short cells of each map."""
     full = maps(True)
     kept = {}
     for name, which in full.items():
-        panel = which.panels[-1]
+        panel = next(one for one in reversed(which.panels) if one.base.predicted)
         thin = replace(panel, x=panel.x[-2:], y=panel.y[:2])
         one = replace(which.at(thin, thin.x[0], thin.y[0]), path="camera", margin_noise=0.0)
         camera = (one,) if which.camera else ()
@@ -287,8 +288,8 @@ def small_plan(_: bool) -> dict[str, Map]:
 def test_an_interrupted_run_goes_on_and_ends_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(parts, "maps", small_plan)
-    monkeypatch.setattr(boundaries, "onset", lambda setting: critical_period(setting.linear()))
+    monkeypatch.setattr(loop_study, "maps", small_plan)
+    monkeypatch.setattr(loop_study, "onset", lambda one: critical_period(one.linear()))
     ran: list[Setting] = []
 
     def quick_cell(setting: Setting) -> Cell:
@@ -309,21 +310,25 @@ def test_an_interrupted_run_goes_on_and_ends_the_same(
             note="a, b",
         )
 
-    monkeypatch.setattr(parts, "cell", quick_cell)
+    monkeypatch.setattr(loop_study, "cell", quick_cell)
 
     def stop_at_the_third(text: str) -> None:
-        if text.startswith("3 of"):
+        if ": 3 of" in text:
             raise KeyboardInterrupt
 
+    def mapped(out: Path, progress: Callable[[str], None] = lambda text: None) -> Report:
+        asked = Asked(quick=True)
+        return measure("stability", "loop", asked, out=out, workers=1, progress=progress)
+
     whole, halves = tmp_path / "whole", tmp_path / "halves"
-    said = stability_loop(True, whole, False, lambda _: None, 1)
+    report = mapped(whole)
     total = len(ran)
     ran.clear()
     with pytest.raises(KeyboardInterrupt):
-        stability_loop(True, halves, False, stop_at_the_third, 1)
-    assert [path.name for path in halves.iterdir()] == ["cells.unfinished.csv"]
+        mapped(halves, stop_at_the_third)
+    assert [path.name for path in halves.iterdir()] == [UNFINISHED]
     assert len(ran) == 3
-    assert stability_loop(True, halves, False, lambda _: None, 1) == said
+    assert mapped(halves) == report
     assert len(ran) == total
     names = sorted(path.name for path in whole.iterdir())
     assert sorted(path.name for path in halves.iterdir()) == names
@@ -332,7 +337,7 @@ def test_an_interrupted_run_goes_on_and_ends_the_same(
         if name.endswith(".csv"):
             assert (halves / name).read_bytes() == (whole / name).read_bytes()
     with pytest.raises(UserError, match="is not empty"):
-        stability_loop(True, whole, False, lambda _: None, 1)
+        mapped(whole)
 
 
 def test_every_camera_cell_has_its_twin_on_the_truth_path() -> None:
@@ -345,16 +350,6 @@ def test_every_camera_cell_has_its_twin_on_the_truth_path() -> None:
         assert {one.on_truth_path() for one in which.camera} <= drawn
 
 
-def test_processes_are_for_the_loop_only(typed: Callable[..., CompletedProcess[str]]) -> None:
-    for words, said in (
-        (["stability", "track", "--workers", "2"], "--workers goes with stability force and loop"),
-        (["stability", "loop", "--workers", "0"], "expected 1 or more"),
-    ):
-        done = typed(*words)
-        assert done.returncode == 2
-        assert said in done.stderr
-
-
 def test_maps_name_real_settings() -> None:
     for name, which in maps(False).items():
         for panel in which.panels:
@@ -362,3 +357,20 @@ def test_maps_name_real_settings() -> None:
     assert SLOW.scene().camera.latency_frames == 1
     assert load_scene("thesis").safety_margin == PRINTED.scene().safety_margin
     assert load_scene("camera-100hz").safety_margin == RETUNED.scene().safety_margin
+    shipped = load_scene("margin-60hz")
+    mapped = next(
+        panel.base
+        for panel in maps(False)["rate-latency"].panels
+        if panel.base.controller == shipped.controller
+    ).scene()
+    assert mapped.margin_inversion == shipped.margin_inversion
+    assert mapped.camera.rate_hz == shipped.camera.rate_hz
+    assert mapped.safety_margin.friction_window_s == shipped.safety_margin.friction_window_s
+
+
+def test_ones_own_controller_has_panels_beside_ours() -> None:
+    for name in ("rate-latency", "noise"):
+        ours, beside = maps(True)[name], maps(True, ["mine:Own"])[name]
+        assert len(beside.settings()) > len(ours.settings())
+        assert set(ours.settings()) < set(beside.settings())
+        assert "mine:Own" in {one.controller for one in beside.settings()}

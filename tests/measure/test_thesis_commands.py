@@ -1,17 +1,13 @@
 """Commands around the node models: Appendix B, stability maps, bench rows."""
 
-import csv
 import json
 from pathlib import Path
 
 import pytest
 
+from benchmarks.model.chain_map import Cell, Grid, Group, cells, settings
 from chromagrip.errors import UserError
 from chromagrip.measure.reproduce.parts import Plan, reproduce
-from chromagrip.measure.stability import dome
-from chromagrip.measure.stability import model as maps
-from chromagrip.measure.stability.model import OUTCOMES, Cell, Grid, cells, settings
-from chromagrip.measure.stability.parts import stability_model
 from chromagrip.model import ContactObject, Fingertip
 from chromagrip.output.report import values
 
@@ -52,58 +48,24 @@ def test_explicit_methods_fail_where_theory_says_and_the_default_does_not(method
         steps={"implicit": (1e-3, 1e-2), method: (0.9, 1.5)},
         budget=20_000,
     )
-    found = {
-        (c.method, c.step_s < c.limit_s): c
-        for c in cells(settings(small), small.budget, lambda _: None)
-    }
+    group = Group(tuple(settings(small)), small.budget)
+    found = {(cell.method, cell.step_s < cell.limit_s): cell for cell in cells(group)}
     assert found[method, True].outcome == "accurate"
     assert found[method, False].outcome in ("chattering", "diverged", "inaccurate")
     assert found["implicit", False].outcome == "accurate"
     assert found["implicit", False].step_s == 1e-2
 
 
-def test_an_interrupted_map_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    plan = Grid(nodes=(21,), stiffness=(160.0,), steps={"implicit": (1e-2, 2e-2, 4e-2)}, budget=1)
-    monkeypatch.setattr(maps, "grid", lambda _: plan)
-    of_dome = dome.Grid(("plane",), (0.7,), (1e7,), (4e-4,))
-    monkeypatch.setattr(dome, "grid", lambda _: of_dome)
-    out = tmp_path / "map"
-    seen: list[str] = []
-
-    def stop_at_the_third(text: str) -> None:
-        seen.append(text)
-        if "40 ms" in text:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        stability_model(True, out, False, stop_at_the_third)
-    assert [path.name for path in out.iterdir()] == ["map.unfinished.csv"]
-    seen.clear()
-    report = stability_model(True, out, False, seen.append)
-    assert [text for text in seen if "implicit" in text] == ["21 nodes, 160 N/m, implicit, 40 ms"]
-    assert sorted(path.name for path in out.iterdir()) == [
-        "dome.csv",
-        "dome.png",
-        "map.csv",
-        "map.png",
-    ]
-    with (out / "map.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [float(row["step_s"]) for row in rows] == [1e-2, 2e-2, 4e-2]
-    assert {row["outcome"] for row in rows} <= set(OUTCOMES)
-    assert report.quick is True
-
-
 def test_a_cell_too_costly_for_the_budget_is_not_run() -> None:
     plan = Grid(nodes=(21,), stiffness=(1e6,), steps={"rk4": (0.5,)}, budget=10)
-    (cell,) = cells(settings(plan), plan.budget, lambda _: None)
+    (cell,) = cells(Group(tuple(settings(plan)), plan.budget))
     assert isinstance(cell, Cell)
     assert cell.outcome == "not run"
     assert "too many evaluations" in cell.note
 
 
 def test_objects_of_the_bench_are_the_27_of_the_thesis() -> None:
-    from chromagrip.measure.bench.model import OBJECTS
+    from benchmarks.model.bench import OBJECTS
 
     assert len(set(OBJECTS)) == 27
     assert all(isinstance(obj, ContactObject) for obj in OBJECTS)

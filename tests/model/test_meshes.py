@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.model import meshes
 from chromagrip import kept_arrays
 from chromagrip.errors import UserError
-from chromagrip.measure.worlds import meshes
 from chromagrip.model import Dome, Solid, press_and_move, shapes, simulate_contact
 
 igl = pytest.importorskip("igl")

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from chromagrip.measure.worlds.path_traced import against_path_traced
+from benchmarks.render.path_traced import against_path_traced
 from chromagrip.render import load_sensor, open_renderer, sensor_names
 from chromagrip.render.drawing.gl import gl_problem
 

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from chromagrip.measure.looks import built_dome, likenesses, look, look_of_built
+from benchmarks.render.looks import built_dome, likenesses, look, look_of_built
 from chromagrip.render import (
     Defects,
     Flaws,

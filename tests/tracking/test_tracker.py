@@ -19,7 +19,7 @@ from chromagrip.tracking import MarkerTracker, Palette, Tracks
 from chromagrip.tracking.fit.kernels.pair_kernels import mean_hues
 from chromagrip.tracking.fit.settings import FitSettings
 from chromagrip.tracking.fit.templates import forget
-from chromagrip.tracking.fit.tracker import FULL, QUICK, SPARSE
+from chromagrip.tracking.fit.tracker import FULL, QUICK
 
 SENSOR = load_sensor("thesis")
 PALETTE = Palette.of_sensor(SENSOR)
@@ -437,7 +437,7 @@ def test_errors_do_not_add_up() -> None:
     assert np.mean(rms[-20:]) == pytest.approx(np.mean(rms[:20]), rel=0.1)
 
 
-@pytest.mark.parametrize("settings", [FULL, QUICK, SPARSE])
+@pytest.mark.parametrize("settings", [FULL, QUICK])
 def test_a_state_goes_on_where_it_was_taken(settings: FitSettings) -> None:
     first, second = fresh(settings=settings), fresh(settings=settings)
     frames = [shoot(MAP(sheared(0.1 * k)), k) for k in range(6)]

@@ -34,9 +34,7 @@ Mask = NDArray[np.bool_]
 
 #: Settings of the default tracker.
 FULL = FitSettings()
-#: Settings that read every other row of the image.
-SPARSE = FitSettings(rows=2, limit=0.1)
-#: Settings of `SPARSE`, with templates that are kept for longer.
+#: Settings that read every other row of the image and keep templates for longer.
 QUICK = FitSettings(rows=2, limit=0.2)
 
 
@@ -111,13 +109,8 @@ class MarkerTracker:
         return tracks
 
 
-def sparse(palette: Palette, noise: float) -> MarkerTracker:
-    """Make a tracker that reads every other row of the image: noisier, but faster."""
-    return MarkerTracker(palette, noise, SPARSE)
-
-
 def quick(palette: Palette, noise: float) -> MarkerTracker:
-    """Make a tracker like `sparse` whose templates are kept until a pair has moved twice as far."""
+    """Make a tracker that reads every other row of the image and keeps templates for longer."""
     return MarkerTracker(palette, noise, QUICK)
 
 

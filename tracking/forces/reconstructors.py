@@ -43,14 +43,9 @@ METHODS = {
         ".chain.gaussian_process:GaussianProcess",
         "Gaussian-process prior on nodal forces in a zone",
     ),
-    "stiffness": (".chain.stiffness_reading:StiffnessReading", "smooth displacements times K(u)"),
-    "learned": (
-        ".chain.learned:Learned",
-        "read-out trained on random grips, each frame by itself",
-    ),
     "sequential": (
-        ".chain.learned:sequential",
-        "the same over codes averaged while the skin holds still",
+        ".chain.learned:Learned",
+        "read-out trained on random grips, over codes averaged while the skin holds still",
     ),
     "contact": (
         ".dome.contact:ContactReading",
@@ -81,8 +76,8 @@ RECONSTRUCTORS = Registry(
         **METHODS,
     },
 )
-#: Names of the reconstructors that need a trained read-out.
-_TRAINED = ("learned", "sequential")
+#: Name of the reconstructor that needs a trained read-out.
+_TRAINED = "sequential"
 
 
 def automatic(calibration: SensorCalibration, rest: Tracks) -> Reconstructor:
@@ -138,7 +133,7 @@ def name_used(choice: Choice, calibration: SensorCalibration) -> str:
 
 def needs_readout(choice: Choice, calibration: SensorCalibration) -> bool:
     """Whether a reconstructor is a built-in one that needs a trained read-out."""
-    return name_used(choice, calibration) in _TRAINED
+    return name_used(choice, calibration) == _TRAINED
 
 
 def check_reconstructor(choice: Choice, calibration: SensorCalibration) -> None:

@@ -11,7 +11,7 @@ Shell completion: chromagrip --tyro-write-completion bash FILE
 import io
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import redirect_stderr
 from functools import partial, wraps
 from pathlib import Path
@@ -32,7 +32,6 @@ from . import (
     pictures,
     readouts,
     render,
-    sweep,
 )
 from .ending import NAME, finish
 from .options import take_signals
@@ -51,7 +50,7 @@ COMMANDS: dict[str, Command] = {
     "report": grasp.report,
     "live": grasp.live,
     "plan": grasp.plan,
-    "sweep": sweep.sweep,
+    "sweep": measure.sweep,
     "render": render.render,
     "detect": pictures.detect,
     "track": pictures.track,
@@ -68,9 +67,6 @@ COMMANDS: dict[str, Command] = {
     "dataset split": dataset.split,
     "dataset merge": dataset.merge,
     "limit": limit.limit,
-    "bench": measure.bench,
-    "chart": measure.chart,
-    "stability": measure.stability,
     "reproduce": measure.reproduce,
     "scenes": lists.scenes,
     "sensors": lists.sensors,
@@ -97,12 +93,36 @@ def run(words: list[str]) -> int:
     UserError
         When it cannot be done, in one sentence.
     """
+    known: Mapping[str, Command] = COMMANDS
+    if words and words[0] in STUDIES:
+        if ":" in "".join(words[1:2]):
+            words = [*_own_study(words[1]), *words[2:]]
+        known = commands_of(words[0])
+    return _run(words, known, NAME)
+
+
+def run_study(verb: str, words: list[str], prog: str) -> int:
+    """Run a command line that names a study of a verb alone; its exit code.
+
+    Parameters
+    ----------
+    verb: of studies that `chromagrip` itself does not offer
+    words: part and options
+    prog: start of the command line, for pages of help
+    """
+    known = {name.removeprefix(f"{verb} "): each for name, each in commands_of(verb).items()}
+    if not words or (words[0] not in known and not words[0].startswith("-")):
+        raise UserError(f"{prog}: give one of {', '.join(known)}")
+    return _run(words, known, prog)
+
+
+def _run(words: list[str], known: Mapping[str, Command], prog: str) -> int:
     take_signals()
     for word in words:
         if not word.isprintable() and any("\ud800" <= c <= "\udfff" for c in word):
             encoding = sys.getfilesystemencoding()
             raise UserError(f"{word} is not {encoding} text; with PYTHONUTF8=1 words are UTF-8")
-    command = _parse(words)
+    command = _parse(words, known, prog)
     if isinstance(command, int):
         return command
     out = command.keywords.get("out")
@@ -120,31 +140,36 @@ def run(words: list[str]) -> int:
             remove_empty()
 
 
-def _parse(words: list[str]) -> partial[int] | int:
+def _parse(words: list[str], known: Mapping[str, Command], prog: str) -> partial[int] | int:
     """Command line as a function that runs it, or the exit code of a page that was printed.
+
+    Parameters
+    ----------
+    known: commands by name
+    prog: start of the command line
 
     Raises
     ------
     UserError
         For a command or an option that does not exist, or a value that cannot be read.
     """
-    name = next((n for n in (" ".join(words[:2]), " ".join(words[:1])) if n in COMMANDS), None)
+    name = next((n for n in (" ".join(words[:2]), " ".join(words[:1])) if n in known), None)
     if len(words) == 1 and words[0] in GROUPS:
         words = [*words, "--help"]
     messages = io.StringIO()
     try:
         with redirect_stderr(messages):
             if name is None:
-                _check_group(words)
-                return _all_commands().cli(
-                    prog=NAME, description=f"{__doc__}\n{EXIT_CODES}", args=words
+                _check_group(words, known)
+                return _all_commands(words).cli(
+                    prog=prog, description=f"{__doc__}\n{EXIT_CODES}", args=words
                 )
             rest = words[len(name.split()) :]
-            return tyro.cli(_bound(COMMANDS[name]), prog=f"{NAME} {name}", args=rest)
+            return tyro.cli(_bound(known[name]), prog=f"{prog} {name}", args=rest)
     except SystemExit as ended:
         if ended.code in (0, None):  # a page of help
             return 0
-        page = f"{NAME} {name} --help" if name else f"{NAME} --help"
+        page = f"{prog} {name} --help" if name else f"{prog} --help"
         raise UserError(f"{_sentence(messages.getvalue())}; see `{page}`") from None
 
 
@@ -162,10 +187,36 @@ def _bound(command: Command) -> Callable[..., partial[int]]:
     return bind
 
 
-def _all_commands() -> SubcommandApp:
-    """Every command, for the list in `chromagrip --help` and for shell completion."""
+def commands_of(verb: str) -> dict[str, Command]:
+    """Commands of the studies of a verb; their modules are loaded only here."""
+    from .studies import commands
+
+    return commands(verb)
+
+
+def _own_study(name: str) -> tuple[str, str]:
+    """Words of the command of a `module:function`, which enters the table of studies."""
+    from ..measure.study import own_study
+
+    entry = own_study(name)
+    return entry.verb, entry.part
+
+
+def _all_commands(words: list[str]) -> SubcommandApp:
+    """Every command, for the list in `chromagrip --help` and for shell completion.
+
+    Parameters
+    ----------
+    words: command line; only completion needs the parts of every group of studies
+    """
     app, groups = SubcommandApp(), dict[str, SubcommandApp]()
-    for name, command in COMMANDS.items():
+    every = dict(COMMANDS)
+    for verb in STUDIES:
+        if any(word.startswith("--tyro") or word == verb for word in words):
+            every |= commands_of(verb)
+        else:
+            app.command(name=verb, help=GROUPS[verb])(_bound(_no_part))
+    for name, command in every.items():
         first, _, second = name.partition(" ")
         line = (command.__doc__ or "").splitlines()[0]
         if not second:
@@ -181,17 +232,29 @@ def _all_commands() -> SubcommandApp:
     return app
 
 
+def _no_part() -> int:
+    """Stands for a group of studies in the list of all commands."""
+    return 0
+
+
 #: One line about each group of commands that is no command itself.
-GROUPS = {"dataset": "Labelled sequences of pictures: make, check, info, export, split, merge."}
+GROUPS = {
+    "dataset": "Labelled sequences of pictures: make, check, info, export, split, merge.",
+    "bench": "Measure trackers, reconstructors or controllers, each figure beside its target.",
+    "chart": "Draw the speed of every method against its error.",
+    "stability": "Map where trackers, reconstructors or controllers stop working.",
+}
+#: Groups whose commands come from the table of studies.
+STUDIES = ("bench", "chart", "stability")
 
 
-def _check_group(words: list[str]) -> None:
+def _check_group(words: list[str], known: Mapping[str, Command]) -> None:
     """Refuse a first word that names no command, and a group without one of its commands."""
     if not words:
         raise UserError(f"give a command: {', '.join(_first_words())}")
     if words[0].startswith("-"):
         return
-    members = [name.split()[1] for name in COMMANDS if name.startswith(f"{words[0]} ")]
+    members = [name.split()[1] for name in known if name.startswith(f"{words[0]} ")]
     if words[0] not in _first_words():
         raise UserError(f"no command {words[0]!r}; there is {', '.join(_first_words())}")
     if members and words[1:2] not in ([], ["-h"], ["--help"]):
@@ -199,7 +262,7 @@ def _check_group(words: list[str]) -> None:
 
 
 def _first_words() -> list[str]:
-    return list(dict.fromkeys(name.split()[0] for name in COMMANDS))
+    return list(dict.fromkeys([*(name.split()[0] for name in COMMANDS), *STUDIES]))
 
 
 def _sentence(box: str) -> str:

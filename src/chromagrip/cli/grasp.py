@@ -10,6 +10,7 @@ import tyro
 from ..errors import UserError
 from ..output.frames import FrameFormat
 from ..output.logs.write import KINDS, LogFormat, require_logs
+from ..output.report import Table, table_lines
 from ..scene import load_scene
 from ..scene.fingers import fingers, need_one_finger
 from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_change
@@ -200,22 +201,44 @@ def _arguments(flag: str, texts: tuple[str, ...]) -> dict[str, Any]:
 def plan(
     scene: Annotated[SceneName, tyro.conf.Positional],
     *,
-    tolerance: Annotated[float, option("of the safety margin Γ, RMS", "SHARE")] = 0.05,
+    tolerance: Annotated[
+        float | None, option("largest RMS error of the safety margin Γ", "SHARE")
+    ] = None,
     changes: Changes = (),
     allow: Allow = (),
     json_only: Annotated[Flag, option("print one JSON object", name="json")] = False,
 ) -> int:
     """Choose the cheapest methods and steps that keep Γ of a scene within a tolerance.
 
-    The choice uses what `chromagrip chart loop --update` measured in situations like the scene's.
+    Without one it lists all choices with the time of a frame and the error of Γ. Both were measured
+    in situations like the scene's.
 
     Example: chromagrip plan margin-60hz --tolerance 0.1
     """
-    from ..loop.fidelity import Fidelity
+    from ..loop.fidelity import TABLE, choose, expected, read
 
-    choice = Fidelity.auto(
-        tolerance, load_scene(scene, dict(map(parse_change, changes)), allow=allow)
-    )
+    loaded = load_scene(scene, dict(map(parse_change, changes)), allow=allow)
+    if tolerance is None:
+        found = expected(loaded, read(TABLE))
+        choices = [
+            {
+                "changes": one.changes(loaded),
+                "milliseconds": one.milliseconds,
+                "margin_error": one.error,
+            }
+            for one in found
+        ]
+        if json_only:
+            print(json.dumps({"choices": choices}, ensure_ascii=False))
+            return 0
+        lines = [
+            (one.fidelity.name, f"{one.milliseconds:.2g}", f"{one.error:.3f}") for one in found
+        ]
+        table = Table(("methods and steps", "ms a frame", "error of Γ"), tuple(lines))
+        print(*table_lines(table), sep="\n")
+        print("give --tolerance for the cheapest that keeps Γ within it, as a command")
+        return 0
+    choice = choose(tolerance, loaded, read(TABLE))
     if json_only:
         report = {
             "changes": choice.changes,

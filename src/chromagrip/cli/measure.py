@@ -1,65 +1,34 @@
-"""The commands that measure this project: `bench`, `chart`, `stability` and `reproduce`."""
+"""The commands `score`, `sweep` and `reproduce`."""
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import tyro
 
 from ..errors import UserError
 from ..output.report import Report, print_report
+from ..scene.scene import DEFAULT_SCENE, PathName, parse_change
+from ..strict_toml import parse_toml
 from .options import (
     CORES,
-    Flag,
+    Allow,
+    Changes,
     FollowLinks,
-    Json,
     JsonOnly,
     Out,
     Overwrite,
     Quick,
     Workers,
     check_least,
+    going_on,
     new_folder,
     option,
     status,
     stem_of,
 )
+from .readouts import prepare_scene
 
-Trackers = Annotated[
-    tuple[str, ...],
-    tyro.conf.UseAppendAction,
-    option("of track: only this one; may be repeated", "NAME|MODULE:CLASS", "tracker"),
-]
-Reconstructors = Annotated[
-    tuple[str, ...],
-    tyro.conf.UseAppendAction,
-    option("of force: only this one; may be repeated", "NAME|MODULE:CLASS", "reconstructor"),
-]
-Controllers = Annotated[
-    tuple[str, ...],
-    tyro.conf.UseAppendAction,
-    option("of control: only this one; may be repeated", "NAME|MODULE:CLASS", "controller"),
-]
-World = Annotated[
-    Literal["", "matched", "mismatched", "beyond", "dome", "pinch"],
-    option(
-        "of force: only this world, without the speed; of loop: dome; of control: pinch",
-        "matched|mismatched|beyond|dome|pinch",
-    ),
-]
-Groups = Annotated[
-    tuple[str, ...],
-    tyro.conf.UseAppendAction,
-    option("of force --world beyond|dome: only this group; may be repeated", "NAME", "group"),
-]
-TrackScenes = Annotated[
-    tuple[str, ...],
-    tyro.conf.UseAppendAction,
-    option("of track: only this scene; may be repeated", "NAME", "scene"),
-]
-BenchPart = Literal["control", "dataset", "force", "loop", "model", "render", "track"]
-StabilityPart = Literal["force", "loop", "model", "track"]
-ChartPart = Literal["all", "force", "loop", "model", "render", "track"]
 ThesisPart = Literal[
     "all",
     "figure-9",
@@ -75,130 +44,6 @@ ThesisPart = Literal[
 ]
 #: Parts of the thesis that can be run through the camera too.
 CAMERA_PARTS = ("all", "table-2", "figure-13", "figure-14", "figure-15")
-
-
-def bench(
-    part: Annotated[
-        BenchPart, tyro.conf.Positional, option("what is measured", "|".join(get_args(BenchPart)))
-    ],
-    *,
-    trackers: Trackers = (),
-    reconstructors: Reconstructors = (),
-    controllers: Controllers = (),
-    world: World = "",
-    groups: Groups = (),
-    scenes: TrackScenes = (),
-    quick: Quick = False,
-    json_only: Json = False,
-) -> int:
-    """Measure one part and print each figure beside its target.
-
-    Example: chromagrip bench track --tracker fit --quick
-    """
-    from ..measure.bench.parts import bench as measure
-
-    with status() as report:
-        result = measure(
-            part, quick, report, trackers, reconstructors, controllers, world, groups, scenes
-        )
-    return print_result(result, None, json_only)
-
-
-def chart(
-    part: Annotated[
-        ChartPart, tyro.conf.Positional, option("what is charted", "|".join(get_args(ChartPart)))
-    ] = "all",
-    *,
-    reconstructors: Reconstructors = (),
-    update: Annotated[
-        Flag, option("of loop: measure the table again that `chromagrip plan` chooses from")
-    ] = False,
-    quick: Quick = False,
-    out: Out = None,
-    overwrite: Overwrite = False,
-    json_only: JsonOnly = False,
-) -> int:
-    """Draw the speed of every method of a stage against its error.
-
-    Example: chromagrip chart render --quick
-    """
-    if update:
-        return _update(part)
-    if reconstructors and part != "force":
-        raise UserError(f"--reconstructor goes with chart force, not with chart {part}")
-
-    from ..measure.charts.page import PARTS, charts
-
-    if out is None and not json_only:
-        out = new_folder(f"chart-{part}")
-    parts = list(PARTS) if part == "all" else [part]
-    with status() as report:
-        result = charts(parts, quick, out, overwrite, report, reconstructors)
-    return print_result(result, out, json_only)
-
-
-def _update(part: str) -> int:
-    if part not in ("all", "loop"):
-        raise UserError(f"--update goes with chart loop, not with chart {part}")
-
-    from ..loop.fidelity import TABLE
-    from ..measure.worlds.fidelity_table import update
-
-    with status() as report:
-        measured = update(TABLE, report)
-    print(f"{len(measured)} measurements in {TABLE}")
-    return 0
-
-
-def stability(
-    part: Annotated[
-        StabilityPart,
-        tyro.conf.Positional,
-        option("what is mapped", "|".join(get_args(StabilityPart))),
-    ],
-    *,
-    trackers: Trackers = (),
-    world: Annotated[
-        Literal["", "dome", "pinch"],
-        option("of loop: a dome, or two of them and an object; none is the chain", "dome|pinch"),
-    ] = "",
-    workers: Annotated[
-        int | None, option("of force and loop: processes; by default one for each core", "N")
-    ] = None,
-    quick: Quick = False,
-    out: Out = None,
-    overwrite: Overwrite = False,
-    json_only: JsonOnly = False,
-) -> int:
-    """Map where integrators, trackers, reconstructors or controllers stop working.
-
-    Example: chromagrip stability track --tracker lk --quick
-    """
-    if trackers and part != "track":
-        raise UserError(f"--tracker goes with stability track, not with stability {part}")
-    if workers is not None and part not in ("force", "loop"):
-        raise UserError(f"--workers goes with stability force and loop, not with stability {part}")
-    if world and part != "loop":
-        raise UserError(f"--world goes with stability loop, not with stability {part}")
-    check_least(workers=(workers, 1))
-    if out is None and not json_only:
-        out = new_folder(f"stability-{part}-{world}" if world else f"stability-{part}")
-
-    from ..measure.stability import parts
-    from ..measure.stability.grips.parts import stability_grips
-
-    with status() as report:
-        if world:
-            result = stability_grips(world, quick, out, overwrite, report, workers or CORES)
-        elif part == "loop":
-            result = parts.stability_loop(quick, out, overwrite, report, workers or CORES)
-        elif part == "force":
-            result = parts.stability_force(quick, out, overwrite, report, workers or CORES)
-        elif part == "track":
-            result = parts.stability_track(quick, out, overwrite, report, trackers)
-        else:
-            result = parts.stability_model(quick, out, overwrite, report)
-    return print_result(result, out, json_only)
 
 
 def reproduce(
@@ -288,7 +133,7 @@ def score(
     if out is None and not json_only:
         out = new_folder(f"score-{stem_of(str(truth))}")
 
-    from ..measure.scored.score import (
+    from ..measure.score.score import (
         as_json,
         case_tables,
         interval_note,
@@ -312,3 +157,100 @@ def score(
         print(sentence)
     print(f"folder {out}, see leaderboard.html")
     return 0
+
+
+def sweep(
+    *,
+    vary: Annotated[
+        tuple[str, ...],
+        tyro.conf.UseAppendAction,
+        option("values of a key, such as object.friction=0.3,0.5; may be repeated", "KEY=V,V,…"),
+    ] = (),
+    arguments: Annotated[
+        tuple[str, ...],
+        tyro.conf.UseAppendAction,
+        option("values of an argument of a controller's class", "NAME=V,V,…", "arg"),
+    ] = (),
+    scenes: Annotated[
+        tuple[str, ...],
+        tyro.conf.UseAppendAction,
+        option("see `chromagrip scenes`, or a file; may be repeated", "NAME|FILE.toml", "scene"),
+    ] = (),
+    controllers: Annotated[
+        tuple[str, ...],
+        tyro.conf.UseAppendAction,
+        option("instead of the scene's; may be repeated", "NAME|MODULE:CLASS", "controller"),
+    ] = (),
+    path: Annotated[
+        PathName | None, option("input of the controller, instead of the scene's", "camera|truth")
+    ] = None,
+    seeds: Annotated[int, option("runs of each, with seeds from the scene's on", "N")] = 3,
+    changes: Changes = (),
+    allow: Allow = (),
+    answer_within: Annotated[
+        float, option("time in which a module:Class must answer; inf is no limit", "SECONDS")
+    ] = 60.0,
+    workers: Workers = CORES,
+    out: Out = None,
+    overwrite: Overwrite = False,
+    json_only: JsonOnly = False,
+) -> int:
+    """Run a controller with many settings, in many scenes, with several seeds.
+
+    An interrupted sweep continues when it is called again with the same --out.
+
+    Example: chromagrip sweep --vary safety_margin.integral_n_per_s=10,30,90 --path truth --seeds 1
+    """
+    check_least(seeds=(seeds, 1), workers=(workers, 1))
+    if not answer_within > 0.0:
+        raise UserError(f"--answer-within {answer_within}: expected more than 0; inf is no limit")
+    axes = [_axis(text, "--vary", "") for text in vary]
+    axes += [_axis(text, "--arg", "controller_arguments.") for text in arguments]
+    fixed = dict(parse_change(text) for text in changes)
+    if path is not None:
+        fixed["path"] = path
+    if controllers:
+        axes.insert(0, ("controller", controllers))
+    names = [name for name, _ in axes]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise UserError(f"{twice[0]} is varied twice; give all its values at once")
+
+    from ..measure.engine import UNFINISHED
+    from ..measure.sweep.runs import Plan, tasks
+    from ..measure.sweep.sweep import sweep as measure_sweep
+
+    plan = Plan(
+        scenes=tuple(dict.fromkeys(scenes)) or (DEFAULT_SCENE,),
+        axes=tuple(axes),
+        seeds=seeds,
+        fixed=fixed,
+        answer_within_s=answer_within,
+        allow=allow,
+    )
+    wanted = tasks(plan)  # refuses what cannot be run before a folder is made
+    kinds = {(one.scene.sensor, one.scene.path, one.scene.body): one.scene for one in wanted}
+    for scene in kinds.values():  # once, not in each worker
+        prepare_scene(scene, pictures=scene.path == "camera")
+    if out is None and not json_only:
+        out = new_folder("sweep")
+    with status() as progress, going_on(out, UNFINISHED):
+        report = measure_sweep(plan, out, overwrite, workers, progress)
+    return print_result(report, out, json_only)
+
+
+def _axis(text: str, flag: str, prefix: str) -> tuple[str, tuple[Any, ...]]:
+    """Key and values of KEY=V,V,…; values are TOML, or texts without quotes."""
+    key, equals, values = text.partition("=")
+    if not equals or not key.strip() or not values.strip():
+        raise UserError(f"{flag} {text}: expected values, such as object.friction=0.3,0.5")
+    try:
+        found = parse_toml(f"values = [{values}]", flag)["values"]
+    except UserError:
+        found = [parse_change(f"{key}={value}")[1] for value in values.split(",")]
+    kept = list(dict.fromkeys(map(_hashable, found)))
+    return prefix + key.strip(), tuple(kept)
+
+
+def _hashable(value: Any) -> Any:
+    return tuple(map(_hashable, value)) if isinstance(value, list) else value

@@ -191,6 +191,20 @@ def stem_of(source: str) -> str:
     return (path.name if path.is_dir() else path.stem).replace(":", "-")
 
 
+@contextmanager
+def going_on(out: Path | None, unfinished: str) -> Iterator[None]:
+    """Say after an interruption how to go on with what is unfinished in a folder."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if out is not None and (out / unfinished).exists():
+            print(
+                f"chromagrip: what is done is in {out}; call it again with --out {out} to go on",
+                file=sys.stderr,
+            )
+        raise
+
+
 def _screen() -> Console:
     # A notebook sets FORCE_COLOR, and would get every state of a bar below the one before.
     return Console(stderr=True, force_terminal=sys.stderr.isatty())

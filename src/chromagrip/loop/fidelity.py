@@ -1,6 +1,6 @@
 """Fidelity of a run: the cheapest methods and steps that keep Γ within a tolerance."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from importlib.resources import files
 from math import ceil
@@ -26,7 +26,8 @@ class Fidelity:
     step_ms: longest step of the body [ms]
     nodes: number of nodes of a chain; 0 for a dome
     body: body of the fingertip
-    pitch_mm: distance between the nodes of a dome [mm]; 0 for a chain
+    pitch_mm: distance between the nodes of a dome [mm]; 0 for a chain, and for the dome of a built
+        sensor as it is
     """
 
     tracker: str = "fit"
@@ -44,6 +45,8 @@ class Fidelity:
             "chain": {"fingertip.nodes": self.nodes},
             "dome": {"body": "dome", "dome.pitch_mm": self.pitch_mm},
         }
+        if not self.pitch_mm:  # the sensor's own
+            del bodies["dome"]["dome.pitch_mm"]
         changes |= bodies[self.body]
         if self.tracker:
             changes |= {"tracker": self.tracker, "reconstructor": self.reconstructor}
@@ -54,7 +57,7 @@ class Fidelity:
         """Methods and steps as text."""
         body = {
             "chain": f"{self.nodes} nodes",
-            "dome": f"a dome with nodes every {self.pitch_mm:g} mm",
+            "dome": f"a dome with nodes every {self.pitch_mm:g} mm" if self.pitch_mm else "a dome",
         }[self.body]
         steps = f"{body} in steps of {self.step_ms:g} ms"
         return f"{self.tracker}, {self.reconstructor}, {steps}" if self.tracker else steps
@@ -78,6 +81,8 @@ class Measured:
     ----------
     tracker, reconstructor, step_ms, nodes, body, pitch_mm: fidelity, see `Fidelity`
     scene_body: body of the scene; a fidelity with another body approximates it
+    sensor: design of the sensor
+    fingers: number of fingers
     rate_hz, noise, friction, stiffness_kpa, curvature: situation [Hz, grey levels, 1, kPa, 1/m]
     milliseconds: time for a frame [ms]
     seen: RMS error of the estimate of Γ; 0 on the truth path
@@ -99,6 +104,8 @@ class Measured:
     milliseconds: float
     seen: float
     plant: float
+    sensor: str = "thesis"
+    fingers: int = 1
 
     @property
     def fidelity(self) -> Fidelity:
@@ -109,6 +116,27 @@ class Measured:
     def error(self) -> float:
         """RMS error of Γ, from estimate and body together."""
         return float(np.hypot(self.seen, self.plant))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expected:
+    """A fidelity in situations like a scene's.
+
+    Attributes
+    ----------
+    fidelity: methods and steps
+    milliseconds: time for a frame [ms]
+    error: RMS error of Γ, with a safety factor
+    """
+
+    fidelity: Fidelity
+    milliseconds: float
+    error: float
+
+    def changes(self, scene: Scene) -> Values:
+        """Changes of a scene, dotted key → value."""
+        body = {"body": self.fidelity.body} if self.fidelity.body != scene.body else {}
+        return body | self.fidelity.changes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +159,7 @@ class Choice:
     lines: tuple[str, ...]
 
 
-#: Table of measured fidelities; `chromagrip chart --update` makes it.
+#: Table of measured fidelities; `./run bench fidelity` of the checkout makes it.
 TABLE = Path(str(files(__package__) / "fidelity.csv"))
 
 
@@ -146,10 +174,58 @@ def read(path: Path) -> list[Measured]:
     try:
         measured = list(read_cells(path, Measured))
     except UserError as error:
-        raise UserError(f"{path} is not a table of `chromagrip chart --update`: {error}") from None
+        raise UserError(f"{path} is not a table of measured fidelities: {error}") from None
     if not measured:
-        raise UserError(f"{path} is missing or empty; `chromagrip chart --update` makes it")
+        raise UserError(f"{path} is missing or empty: install chromagrip again")
     return measured
+
+
+def expected(scene: Scene, measured: Sequence[Measured]) -> list[Expected]:
+    """Time and error of every fidelity in situations like a scene's, the fastest first.
+
+    Parameters
+    ----------
+    scene: scene whose object, friction, camera and path are compared with the measured ones
+    measured: fidelities to choose from
+
+    Raises
+    ------
+    UserError
+        For a scene in which none was measured.
+    """
+    alike = [m for m in measured if m.fingers == scene.fingers]
+    known = dict.fromkeys(m.sensor for m in alike)
+    if scene.path == "camera" and scene.sensor not in known:
+        raise UserError(
+            f"sensor {scene.sensor} was not measured; a fidelity is planned for {', '.join(known)}"
+        )
+    if scene.path == "camera" and scene.defects != Defects():
+        raise UserError("a fidelity is planned for an image without [defects]; set no defects")
+    obj = scene.object
+    if scene.fingers == 1 and (obj.mesh or obj.shape != "ball"):
+        raise UserError(
+            f"a fidelity is planned for flat and round objects; object.shape = {obj.shape}"
+            f"{' with a mesh' if obj.mesh else ''} was not measured"
+        )
+    cells_of: dict[Fidelity, list[Measured]] = {}
+    for m in alike:
+        if scene.sensor in known and m.sensor != scene.sensor:
+            continue
+        if m.scene_body != scene.body or (m.body != scene.body and not _plane(scene)):
+            continue
+        if m.step_ms > 1e3 * scene.period * (1.0 + 1e-9):  # a frame is at least one step
+            continue
+        if bool(m.tracker) == (scene.path == "camera"):
+            cells_of.setdefault(m.fidelity, []).append(m)
+    found = []
+    for fidelity, cells in cells_of.items():
+        like = sorted(cells, key=lambda m: _distance(m, scene))[:3]
+        error = 1.25 * max(m.error for m in like)  # with a safety factor
+        spent = float(np.median([m.milliseconds for m in cells]))
+        found.append(Expected(fidelity=fidelity, milliseconds=spent, error=error))
+    if not found:
+        raise UserError(f"no fidelity was measured on the {scene.path} path")
+    return sorted(found, key=lambda one: one.milliseconds)
 
 
 def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choice:
@@ -158,59 +234,31 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
     Parameters
     ----------
     tolerance: largest RMS error of Γ, above 0 and at most 1
-    scene: scene whose object, friction, camera and path are compared with the measured ones
-    measured: fidelities to choose from
+    scene, measured: see `expected`
 
     Raises
     ------
     UserError
-        For a tolerance out of range, a sensor that was not measured, or when no fidelity is known
-        to keep Γ within the tolerance.
+        For a tolerance out of range, a scene that was not measured, or when no fidelity is known to
+        keep Γ within the tolerance.
     """
     if not 0.0 < tolerance <= 1.0:
         raise UserError(f"--tolerance {tolerance:g}: expected more than 0 and at most 1")
-    if scene.path == "camera" and scene.sensor != "thesis":
+    every = expected(scene, measured)
+    chosen = next((one for one in every if one.error <= tolerance), None)
+    if chosen is None:
+        best = min(every, key=lambda one: one.error)
         raise UserError(
-            f"sensor {scene.sensor} was not measured; a fidelity is planned for the sensor thesis"
+            f"no fidelity is known to keep Γ within {tolerance:g} here; the best, "
+            f"{best.fidelity.name}, errs by {best.error:.3f}: give a tolerance of "
+            f"{ceil(100 * best.error) / 100:g} or more"
         )
-    if scene.path == "camera" and scene.defects != Defects():
-        raise UserError("a fidelity is planned for an image without [defects]; set no defects")
-    obj = scene.object
-    if obj.mesh or obj.shape != "ball":
-        raise UserError(
-            f"a fidelity is planned for flat and round objects; object.shape = {obj.shape}"
-            f"{' with a mesh' if obj.mesh else ''} was not measured"
-        )
-    cells_of: dict[Fidelity, list[Measured]] = {}
-    for m in measured:
-        if m.scene_body != scene.body or (m.body != scene.body and not _plane(scene)):
-            continue
-        if m.step_ms > 1e3 * scene.period * (1.0 + 1e-9):  # a frame is at least one step
-            continue
-        if bool(m.tracker) == (scene.path == "camera"):
-            cells_of.setdefault(m.fidelity, []).append(m)
-    expected: dict[Fidelity, tuple[float, float]] = {}
-    for fidelity, cells in cells_of.items():
-        like = sorted(cells, key=lambda m: _distance(m, scene))[:3]
-        error = 1.25 * max(m.error for m in like)  # with a safety factor
-        expected[fidelity] = float(np.median([m.milliseconds for m in cells])), error
-    if not expected:
-        raise UserError(f"no fidelity was measured on the {scene.path} path")
-    able = [f for f, (_, error) in expected.items() if error <= tolerance]
-    if not able:
-        best, least = min(((f, error) for f, (_, error) in expected.items()), key=lambda b: b[1])
-        raise UserError(
-            f"no fidelity is known to keep Γ within {tolerance:g} here; the best, {best.name}, "
-            f"errs by {least:.3f}: give a tolerance of {ceil(100 * least) / 100:g} or more"
-        )
-    chosen = min(able, key=lambda f: expected[f][0])
-    spent, error = expected[chosen]
     return Choice(
-        fidelity=chosen,
-        changes=({"body": chosen.body} if chosen.body != scene.body else {}) | chosen.changes,
-        milliseconds=spent,
-        error=error,
-        lines=tuple(_lines(chosen, expected, tolerance)),
+        fidelity=chosen.fidelity,
+        changes=chosen.changes(scene),
+        milliseconds=chosen.milliseconds,
+        error=chosen.error,
+        lines=tuple(_lines(chosen, every, tolerance)),
     )
 
 
@@ -247,17 +295,13 @@ def _distance(m: Measured, scene: Scene) -> float:
     return float(np.hypot.reduce(differences))
 
 
-def _lines(
-    chosen: Fidelity, expected: dict[Fidelity, tuple[float, float]], tolerance: float
-) -> list[str]:
+def _lines(chosen: Expected, every: Sequence[Expected], tolerance: float) -> Iterator[str]:
     """Give reasons: the choice, and time and error of every other fidelity."""
-    spent, error = expected[chosen]
-    lines = [f"{chosen.name}: {spent:.2g} ms a frame, Γ to {error:.3f} of {tolerance:g}"]
-    for fidelity, (cost, off) in sorted(expected.items(), key=lambda item: item[1][0]):
-        if fidelity == chosen:
-            continue
-        if off > tolerance:
-            lines.append(f"not {fidelity.name}: {cost:.2g} ms, but Γ to {off:.3f} only")
-        else:
-            lines.append(f"not {fidelity.name}: keeps Γ to {off:.3f}, but takes {cost:.2g} ms")
-    return lines
+    name, spent = chosen.fidelity.name, chosen.milliseconds
+    yield f"{name}: {spent:.2g} ms a frame, Γ to {chosen.error:.3f} of {tolerance:g}"
+    for one in every:
+        name, spent = one.fidelity.name, one.milliseconds
+        if one.error > tolerance:
+            yield f"not {name}: {spent:.2g} ms, but Γ to {one.error:.3f} only"
+        elif one != chosen:
+            yield f"not {name}: keeps Γ to {one.error:.3f}, but takes {spent:.2g} ms"

@@ -76,11 +76,13 @@ class Table:
     header: of the columns
     lines: cells of each line, as many as the header has
     title: what the table shows
+    keys: columns that name a line, which stand in every block of a screen
     """
 
     header: tuple[str, ...]
     lines: tuple[tuple[str, ...], ...]
     title: str = ""
+    keys: int = 1
 
 
 @dataclass(frozen=True)
@@ -242,14 +244,17 @@ def table_lines(table: Table, width: float = SCREEN_WIDTH) -> Iterator[str]:
         yield table.title
     cells = (table.header, *table.lines)
     sizes = [max(len(line[column]) for line in cells) for column in range(len(table.header))]
-    first = 1
+    names = range(table.keys)
+    first = table.keys
     while first < len(sizes):
-        last, used = first, sizes[0]
+        last, used = first, sum(sizes[k] for k in names) + 2 * (table.keys - 1)
         while last < len(sizes) and (last == first or used + 2 + sizes[last] <= width):
             used += 2 + sizes[last]
             last += 1
         for line in cells:
-            padded = [f"{line[column]:<{sizes[column]}}" for column in (0, *range(first, last))]
+            padded = [
+                f"{line[column]:<{sizes[column]}}" for column in (*names, *range(first, last))
+            ]
             yield "  ".join(padded).rstrip()
         yield ""
         first = last

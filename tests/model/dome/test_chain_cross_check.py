@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from chromagrip.measure.bench.model_bodies import BUCKLED, GRASPS, Grasp, compare
-from chromagrip.measure.chain_on_newton import grasp_by_newton, unstable_modes
+from benchmarks.model.bodies import BUCKLED, GRASPS, Grasp, compare
+from benchmarks.model.chain_on_newton import grasp_by_newton, unstable_modes
 from chromagrip.model import ContactObject, ConvergenceError, Fingertip, contact_forces, equilibrium
 
 FLAT, ROUND = GRASPS[1], GRASPS[3]

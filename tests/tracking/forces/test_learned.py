@@ -9,7 +9,7 @@ from chromagrip.errors import UserError
 from chromagrip.model import ContactObject, Fingertip, ForceField, equilibrium
 from chromagrip.render import load_sensor
 from chromagrip.tracking import NoEstimateError, SensorCalibration, Tracks, load_calibration
-from chromagrip.tracking.forces.chain.learned import Learned, sequential
+from chromagrip.tracking.forces.chain.learned import Learned
 from chromagrip.tracking.forces.chain.readout import forward, linearised, load_readout, save_readout
 from chromagrip.tracking.forces.chain.sensitivity import MarkerResponse
 from chromagrip.tracking.forces.chain.settings import CodeSettings, LearnedSettings
@@ -88,7 +88,7 @@ def specimen() -> Specimen:
 
 @pytest.fixture(scope="module")
 def learned(specimen: Specimen) -> Learned:
-    return Learned(KNOWN, specimen.rest)
+    return Learned(KNOWN, specimen.rest, averaged=False)
 
 
 def test_what_no_trained_press_shows_is_a_setting(specimen: Specimen, unseen: Snapshots) -> None:
@@ -261,7 +261,7 @@ def test_forces_scale_with_the_calibrated_stiffness(specimen: Specimen, unseen: 
 def test_standing_still_steadies_the_reading_and_a_change_is_followed_at_once(
     specimen: Specimen, unseen: Snapshots
 ) -> None:
-    alone, steady = Learned(KNOWN, specimen.rest), sequential(KNOWN, specimen.rest)
+    alone, steady = (Learned(KNOWN, specimen.rest, averaged=way) for way in (False, True))
     first, second = press_of(unseen, 2.0), press_of(unseen, 4.0)
     still = [specimen.tracks(first, 1.0, k) for k in range(30)]
     single = np.array([alone.update(t).total_normal for t in still])

@@ -34,7 +34,7 @@ MAP = MembraneMap(SENSOR, TIP.nodes)
 #: Noise of (x, y, log size) of magenta, then of yellow [px, px, 1].
 NOISE = np.array([[0.0075, 0.0075, 0.00135], [0.006, 0.006, 0.00105]])
 #: How far ΣFn of a standing press may be off without noise: what each method's own model costs.
-OURS = {"gp": 0.03, "stiffness": 0.15}
+OURS = {"gp": 0.03}
 
 
 def tracks(seen: np.ndarray, rng: np.random.Generator | None = None) -> Tracks:

@@ -1,7 +1,7 @@
 """Force reconstruction on the chain: from marker shifts to nodal forces, f = K(u)·u.
 
-Two ways through an unknown contact: a prior on smooth forces (`gaussian_process`, and the direct
-`stiffness_reading` as its baseline), and a regression trained on the model's histories (`learned`).
+Two ways through an unknown contact: a prior on smooth forces (`gaussian_process`), and a regression
+trained on the model's histories (`learned`).
 """
 
 from .codes import odd_statistic
@@ -23,7 +23,7 @@ from .readout import (
 )
 from .residual import Smooth, smooth_functions
 from .sensitivity import MarkerResponse
-from .settings import GaussianProcessSettings, LearnedSettings, StiffnessSettings
+from .settings import GaussianProcessSettings, LearnedSettings
 from .specimen import SIZES, with_focus, with_focus_variances
 from .used import Used, UsedReadOut, histories_of, readout_digest, readout_origin, used
 
@@ -40,7 +40,6 @@ __all__ = [
     "MarkerResponse",
     "ReadOut",
     "Smooth",
-    "StiffnessSettings",
     "Used",
     "UsedReadOut",
     "at_places",

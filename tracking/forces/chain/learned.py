@@ -104,7 +104,7 @@ class Learned:
         calibration: SensorCalibration,
         rest: Tracks,
         *,
-        averaged: bool = False,
+        averaged: bool = True,
         settings: LearnedSettings = LearnedSettings(),
     ) -> None:
         self._settings = settings
@@ -175,11 +175,6 @@ class Learned:
         position = self._at_rest + displacement.reshape(-1, 2)
         field = _force_field(self._readout, self._threshold, totals, x, position, settings)
         return replace(field, plane=codes.plane)
-
-
-def sequential(calibration: SensorCalibration, rest: Tracks) -> Learned:
-    """Make a reconstructor that averages codes over frames in which the skin does not move."""
-    return Learned(calibration, rest, averaged=True)
 
 
 def _check_trained(readout: ReadOut, codes: Codes, slack: float) -> None:

@@ -129,27 +129,3 @@ class GaussianProcessSettings:
     coarseness: float = 0.15
     misfit: float = 9.0
     contact: ObjectSettings = ObjectSettings()
-
-
-@dataclass(frozen=True, kw_only=True)
-class StiffnessSettings:
-    """Tuned parameters of `StiffnessReading`.
-
-    Attributes
-    ----------
-    least_markers: smallest number of visible pairs
-    knots: number of smooth bumps along the half circle that make up a displacement
-    width: standard deviation of a bump along the skin [m]
-    amplitude: prior standard deviation of its amplitude [m]
-    passes: number of passes with the derivative at rest, as lens and tilt make shifts nonlinear
-    step: step of the finite differences of the stiffness [standard deviations]
-    contact: settings of the object
-    """
-
-    least_markers: int = 40
-    knots: int = 41
-    width: float = 1.3e-3
-    amplitude: float = 0.3e-3
-    passes: int = 3
-    step: float = 1e-2
-    contact: ObjectSettings = ObjectSettings()

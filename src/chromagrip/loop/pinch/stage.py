@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ...model import Dome, Pad, SoftBody
 from ...model.pinch import FACING, Pinch, bases, rotation_by
 from ...model.shapes import Shape, ball, box, cylinder, reach_down
-from ..pinch.world import Pinched
 from .scene_picture import Body, Colour, Viewpoint, draw_bodies, look_from
+from .world import Pinched
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

@@ -1,6 +1,5 @@
 """Scorecards of controllers: the scenes beyond the thesis on both paths, and the 27 objects."""
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -14,11 +13,11 @@ from ...loop.grasp import grasp
 from ...loop.record import Result
 from ...loop.run import run
 from ...loop.trace import make_trace
-from ...output.processes import map_processes
 from ...output.report import Bounds, Report, Row, Table, at_most, measured, number, values
 from ...scene.controllers import CONTROLLERS
 from ...scene.scene import Scene, load_scene
 from ...thesis import OBJECTS
+from ..study import Asked, Results, Study, controllers_of, study
 from ..worlds.coverage import BEYOND, count_frames, coverage_rows, slip_rows
 from ..worlds.grasps import WORLDS, calibration, object_changes, seed_of
 from ..worlds.scorecard import NOTES, SCORES, scores, together, worst
@@ -43,6 +42,8 @@ WORST = "worst"
 
 #: Changes of a scene by dotted key.
 Change = Mapping[str, Any]
+#: Scores of a run by name.
+Scores = dict[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,32 +143,32 @@ TARGETS: dict[tuple[str, str, str], Bounds] = {
 }
 
 
-def bench_control(
-    quick: bool, progress: Callable[[str], None], controllers: Sequence[str] = ()
-) -> Report:
-    """Report of controllers: rows `scene/path/controller/score`, their worst, and those of sets.
+@study("bench", "control", method="controller")
+def control_study(asked: Asked) -> Study[Task, Scores | str]:
+    """Controllers in scenes beyond the thesis and with the 27 objects, on both paths.
 
-    Parameters
-    ----------
-    quick: the truth path, and two scenes through the camera; no sets of objects
-    progress: called after each run
-    controllers: names or module:Class; none are all of ours, with those sets of objects only that a
-        controller has targets for
-
-    Raises
-    ------
-    UserError
-        When there is no such controller.
+    Rows are `scene/path/controller/score`, their worst, and those of sets of objects. A quick run
+    has the truth path, two scenes through the camera, and no sets. Unless controllers are chosen,
+    only those sets are run that a controller has targets for.
     """
-    todo = tasks(quick, choose(controllers), bool(controllers))
-    runs: dict[tuple[str, str, str], list[dict[str, float] | str]] = {}
-    results = map_processes(score_run, todo, os.cpu_count() or 1, ordered=True)
-    beyond: list[tuple[Task, dict[str, float]]] = []
-    for done, (task, result) in enumerate(zip(todo, results, strict=True), 1):
+    names = controllers_of(asked, SCENES[0], CONTROLLERS.entries)
+    return Study(
+        settings=tasks(asked.quick, names, bool(asked.methods)),
+        measure=score_run,
+        result=Scores | str,
+        report=report_of,
+        words=lambda task: f"{task.group}, {task.path}, {task.controller}",
+    )
+
+
+def report_of(results: Results[Task, Scores | str]) -> Report:
+    """Report of runs."""
+    runs: dict[tuple[str, str, str], list[Scores | str]] = {}
+    beyond: list[tuple[Task, Scores]] = []
+    for task, result in results:
         runs.setdefault((task.group, task.path, task.controller), []).append(result)
         if task.group == "beyond" and not isinstance(result, str):
             beyond.append((task, result))
-        progress(f"{task.group}: run {done} of {len(todo)}")
     rows: list[Row] = []
     for case, parts in runs.items():
         rows += _rows(case, parts, together)
@@ -175,21 +176,7 @@ def bench_control(
         parts = [part for scene in SCENES for part in runs.get((scene, path, controller), [])]
         rows += _rows((WORST, path, controller), parts, worst)
     rows += beyond_rows(beyond)
-    return Report(rows=tuple(rows), tables=(matrix(rows),), notes=NOTES, quick=quick)
-
-
-def choose(controllers: Sequence[str]) -> tuple[str, ...]:
-    """Each of these controllers once; all of ours if there are none.
-
-    Raises
-    ------
-    UserError
-        When there is no such controller.
-    """
-    names = tuple(dict.fromkeys(controllers)) or tuple(CONTROLLERS.entries)
-    for name in names:
-        load_scene(SCENES[0], {"controller": name}).build_controller()
-    return names
+    return Report(rows=tuple(rows), tables=(matrix(rows),), notes=NOTES)
 
 
 def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[Task]:
@@ -197,7 +184,7 @@ def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[Task]:
 
     Parameters
     ----------
-    quick: see `bench_control`
+    quick: without sets, and with few scenes through the camera
     names: of the controllers
     everything: every set of objects for each controller, not only those with targets
     """
@@ -237,7 +224,7 @@ def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[Task]:
     ]
 
 
-def score_run(task: Task) -> dict[str, float] | str:
+def score_run(task: Task) -> Scores | str:
     """Scores of a run, or the reason why there are none."""
     try:
         scene = load_scene(task.scene, dict(task.changes))

@@ -1,13 +1,13 @@
 """Figures of force and friction estimates: all reconstructors on the same tracks, in each world."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...by_name import Choice
-from ...errors import UserError
 from ...output.report import (
     Bounds,
     Report,
@@ -22,8 +22,8 @@ from ...output.report import (
 )
 from ...render.drawing import gl_problem
 from ...tracking import FRICTION
-from ..beyond.groups import BEYOND, GROUPS, NEED_GL
-from ..domes.report import DOME
+from ..study import Asked, Results, Study, study
+from ..worlds.beyond.groups import BEYOND, GROUPS, NEED_GL
 from ..worlds.force_scenes import ForceScene
 from ..worlds.force_scores import (
     CONSTANT,
@@ -44,12 +44,12 @@ from .force_beyond import (
     law_table,
     told_by_constant,
 )
-from .force_sets import Measured, choose, measure
+from .force_sets import Measured, Task, by_set, choose, measure_grasp, set_name, tasks
 
 Array = NDArray[np.float64]
 
 #: Reconstructor that has to reach the targets, by what is read.
-BEST = {"single": "learned", "0.1s": "sequential"}
+BEST = {"single": "sequential", "0.1s": "sequential"}
 #: Grasps of each set, and of a quick run.
 COUNTS = {
     ("matched", LIBRARY): 160,
@@ -116,43 +116,82 @@ _BOUNDS: dict[tuple[str, str, str], tuple[float, float]] = {
 TARGETS = {case: Bounds(*bounds) for case, bounds in _BOUNDS.items()}
 
 
-def bench_force(
-    quick: bool,
-    progress: Callable[[str], None],
-    reconstructors: Sequence[Choice] = (),
-    world: str = "",
-    groups: Sequence[str] = (),
-) -> Report:
-    """Report of reconstructors: rows `set/read/reconstructor/score`, and the speed of each.
+#: Times of a field by reconstructor in each turn [ms].
+Times = list[tuple[str, list[float]]]
 
-    Parameters
-    ----------
-    quick: few grasps; unless chosen only the reconstructors that have targets
-    progress: called with the name of each measurement
-    reconstructors: names, module:Class or classes; none are all of ours, beside a constant answer
-    world: only this one, without the speed; empty is all of them
-    groups: of the world `beyond`: only these; none are all
 
-    Raises
-    ------
-    UserError
-        When there is no such reconstructor, world or group.
+class Speed(NamedTuple):
+    """Reconstructors whose speed is measured, and the number of their turns."""
+
+    reconstructors: dict[str, Choice]
+    turns: int
+
+
+@study(
+    "bench",
+    "force",
+    worlds=("", *WORLDS, BEYOND),
+    method="reconstructor",
+    parts=tuple(GROUPS),
+    of_parts="group",
+)
+def force_study(asked: Asked) -> Study[Task | Speed, Measured | Times]:
+    """Reconstructors on the chain's pictures: matched, mismatched, and beyond their training.
+
+    Rows are `set/read/reconstructor/score`, and the speed of each where no world is chosen. A quick
+    run has few grasps and, unless they are chosen, only the reconstructors that have targets.
     """
-    chosen = choose(reconstructors or (tuple(BEST.values()) if quick else ()))
-    rows: list[Row] = []
-    counts = _counts(quick, world, groups)
-    if (problem := gl_problem()) is not None:
-        rows.append(reported(("mismatched", "not_measured"), None, "", problem))
+    quick, world = asked.quick, asked.world or (BEYOND if asked.only else "")
+    chosen = choose(asked, tuple(set(BEST.values())) if quick else ())
+    counts = _counts(quick, world, asked.only)
+    problem = gl_problem()
+    if problem is not None:
         counts = {(w, kind): n for (w, kind), n in counts.items() if not _needs_gl(w, kind)}
-    sets = measure(counts, chosen, _QUICK_LIMITED if quick else _LIMITED, progress)
+    return Study(
+        settings=tasks(counts, chosen, _QUICK_LIMITED if quick else _LIMITED),
+        timed=[] if world else [Speed(chosen, _TURNS)],
+        measure=measure_force,
+        result=Measured | Times,
+        report=lambda results: _report(results, chosen, problem),
+        words=force_words,
+    )
+
+
+def measure_force(setting: Task | Speed) -> Measured | Times:
+    """What reconstructors read in a grasp, or how long they take."""
+    if isinstance(setting, Task):
+        return measure_grasp(setting)
+    return list(times(setting.reconstructors, timed_scenes(), setting.turns).items())
+
+
+def force_words(setting: Task | Speed) -> str:
+    """A setting in words."""
+    return "speed" if isinstance(setting, Speed) else set_name(setting.world, setting.kind)
+
+
+def _report(
+    results: Results[Task | Speed, Measured | Times],
+    chosen: Mapping[str, Choice],
+    problem: str | None,
+) -> Report:
+    rows: list[Row] = []
+    if problem is not None:
+        rows.append(reported(("mismatched", "not_measured"), None, "", problem))
+    sets = by_set(
+        [
+            (task, found)
+            for task, found in results
+            if isinstance(task, Task) and isinstance(found, Measured)
+        ]
+    )
     beyond = {name: found for name, found in sets.items() if name.startswith(BEYOND)}
-    for name, results in sets.items():
+    for name, result in sets.items():
         if name not in beyond:
-            rows += _rows(name, results, chosen)
+            rows += _rows(name, result, chosen)
     rows += beyond_rows(beyond, chosen, BEST["0.1s"])
-    if not world:
-        progress("speed")
-        rows += _speed(chosen)
+    for _, found in results:
+        if not isinstance(found, Measured):
+            rows += _speed(dict(found))
     names = (CONSTANT, *chosen)
     details = [
         score_table(mine, lambda row: row.subject[-1], f"Every score, {world}, {read}")
@@ -170,26 +209,12 @@ def bench_force(
         details += others
         notes += BEYOND_NOTES
     return Report(
-        rows=tuple(rows),
-        tables=tuple(tables),
-        notes=tuple(notes),
-        details=tuple(details),
-        quick=quick,
+        rows=tuple(rows), tables=tuple(tables), notes=tuple(notes), details=tuple(details)
     )
 
 
 def _counts(quick: bool, world: str, groups: Sequence[str]) -> dict[tuple[str, str], int]:
     """Number of grasps of each set that is asked for, by world and kind."""
-    worlds = (*WORLDS, BEYOND)
-    if world and world not in worlds:
-        raise UserError(f"no world {world!r}; there is {', '.join(worlds)}")
-    if groups and world != BEYOND:
-        raise UserError(
-            f"groups go with the worlds {BEYOND} and {DOME}, got {groups[0]!r} without one"
-        )
-    unknown = [group for group in groups if group not in GROUPS]
-    if unknown:
-        raise UserError(f"no group {unknown[0]!r}; there is {', '.join(GROUPS)}")
     counts = dict(QUICK if quick else COUNTS) | beyond_counts(quick, world == BEYOND, groups)
     return {(w, kind): n for (w, kind), n in counts.items() if world in ("", w)}
 
@@ -199,9 +224,14 @@ def _needs_gl(world: str, kind: str) -> bool:
 
 
 def _rows(name: str, results: Measured, reconstructors: Mapping[str, Choice]) -> Iterator[Row]:
-    fixed = {(CONSTANT, read): constant(results.true) for read in READ}
-    guessed = scores(constant(results.true), results.true)
-    for (method, read), estimate in (fixed | results.answers).items():
+    guess = constant(results.true)
+    guessed = scores(guess, results.true)
+    estimates = (
+        (read, method, estimate)
+        for read in READ
+        for method, estimate in {CONSTANT: guess, **results.answers[read]}.items()
+    )
+    for read, method, estimate in estimates:
         reading = method not in (CONSTANT, *reconstructors)
         if reading and estimate.flagged.all():
             continue
@@ -219,8 +249,7 @@ def timed_scenes() -> list[ForceScene]:
     return [scene for k in range(_TIMED) for scene in scenes("matched", LIBRARY, k)]
 
 
-def _speed(reconstructors: Mapping[str, Choice]) -> Iterator[Row]:
-    spent = times(reconstructors, timed_scenes(), _TURNS)
+def _speed(spent: Mapping[str, Sequence[float]]) -> Iterator[Row]:
     rate = {name: 1e3 / float(np.median(turns)) for name, turns in spent.items()}
     for name, fields in rate.items():
         target = Bounds(low=300.0) if name == BEST["single"] else None

@@ -6,8 +6,8 @@ import numpy as np
 
 from ...by_name import Choice
 from ...output.report import Bounds, Row, Table, measured, number, values
-from ..beyond.groups import BEYOND, GROUPS, NEED_GL
-from ..beyond.scores import UNITS, beyond_scores
+from ..worlds.beyond.groups import BEYOND, GROUPS, NEED_GL
+from ..worlds.beyond.scores import UNITS, beyond_scores
 from ..worlds.force_scores import CONSTANT, QUANTITIES, READ, Answers, constant
 from .force_sets import Measured
 
@@ -127,7 +127,7 @@ def _rows(
     guessed = beyond_scores(guess, true)
     for read in READ:
         for method in (CONSTANT, *reconstructors):
-            given = guess if method == CONSTANT else _of(results.answers[method, read], part)
+            given = guess if method == CONSTANT else _of(results.answers[read][method], part)
             found = beyond_scores(given, true)
             for score in wanted:
                 target = bounds.get(score) if (method, read) == (best, "0.1s") else None

@@ -1,18 +1,17 @@
 """Sets of grasps of each world, and what reconstructors read in them."""
 
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...by_name import Choice, named
+from ...by_name import Choice
 from ...errors import UserError
-from ...output.processes import map_processes
 from ...thesis import OBJECTS
 from ...tracking import METHODS, load_reconstructor
-from ..beyond.groups import BEYOND, beyond_scenes
+from ..study import Asked, Results
+from ..worlds.beyond.groups import BEYOND, beyond_scenes
 from ..worlds.force_scenes import ForceScene
 from ..worlds.force_scores import READ, Answers, answers, limits, refused, truth
 from ..worlds.grasps import LIBRARY, scenes
@@ -49,13 +48,13 @@ class Measured:
     Attributes
     ----------
     true: (ΣFn [N], ΣFf [N], µ, Γ), shape (S, 4)
-    answers: estimates of them by reconstructor or reading, and by the frames that are read
+    answers: estimates of them by the frames that are read, and by reconstructor or reading
     limit: smallest standard deviations of them by the frames that are read, shape (S, 4)
     labels: of each scene
     """
 
     true: Array
-    answers: dict[tuple[str, str], Answers]
+    answers: dict[str, dict[str, Answers]]
     limit: dict[str, Array]
     labels: tuple[tuple[str, ...], ...] = ()
 
@@ -67,39 +66,29 @@ def set_name(world: str, kind: str) -> str:
     return world if kind == LIBRARY else f"{world}-{kind}"
 
 
-def choose(reconstructors: Sequence[Choice]) -> dict[str, Choice]:
-    """Reconstructors by name; none are all of ours.
+def choose(asked: Asked, usual: Sequence[Choice] = ()) -> dict[str, Choice]:
+    """Reconstructors to compare by name; unless chosen these, or all of ours.
 
     Raises
     ------
     UserError
         When there is no such reconstructor.
     """
-    return named(reconstructors or list(METHODS), load_reconstructor)
+    return asked.chosen(usual or list(METHODS), load_reconstructor)
 
 
-def measure(
-    counts: Mapping[tuple[str, str], int],
-    reconstructors: Mapping[str, Choice],
-    limited: int,
-    progress: Callable[[str], None],
-) -> dict[str, Measured]:
-    """Let reconstructors read the grasps of some sets, in one process for each core.
-
-    The sets of the world `beyond` are its groups: `measure({("beyond", "roll"): 24}, …)`.
+def tasks(
+    counts: Mapping[tuple[str, str], int], reconstructors: Mapping[str, Choice], limited: int
+) -> list[Task]:
+    """Grasps of some sets. Those of the world `beyond` are its groups.
 
     Parameters
     ----------
     counts: of grasps by world and kind
     reconstructors: by name
     limited: number of grasps of the matched library whose limits are computed, the first ones
-    progress: called after each grasp
-
-    Returns
-    -------
-    By `set_name`.
     """
-    tasks = [
+    return [
         Task(
             world=world,
             kind=kind,
@@ -110,20 +99,26 @@ def measure(
         for (world, kind), count in counts.items()
         for k in range(count)
     ]
+
+
+def by_set(results: Results[Task, Measured]) -> dict[str, Measured]:
+    """Results of the grasps of each set, by `set_name`."""
     sets: dict[str, list[Measured]] = {}
-    results = map_processes(measure_grasp, tasks, os.cpu_count() or 1, ordered=True)
-    for done, (task, result) in enumerate(zip(tasks, results, strict=True), 1):
-        name = set_name(task.world, task.kind)
-        sets.setdefault(name, []).append(result)
-        progress(f"{name}: grasp {done} of {len(tasks)}")
-    return {name: _joined(parts) for name, parts in sets.items()}
+    for task, result in results:
+        sets.setdefault(set_name(task.world, task.kind), []).append(result)
+    return {name: joined(parts) for name, parts in sets.items()}
 
 
-def _joined(parts: Sequence[Measured]) -> Measured:
+def joined(parts: Sequence[Measured]) -> Measured:
+    """Results of several grasps together."""
     return Measured(
         true=np.concatenate([part.true for part in parts]),
         answers={
-            key: Answers.joined([part.answers[key] for part in parts]) for key in parts[0].answers
+            read: {
+                name: Answers.joined([part.answers[read][name] for part in parts])
+                for name in parts[0].answers[read]
+            }
+            for read in READ
         },
         limit={read: np.concatenate([part.limit[read] for part in parts]) for read in READ},
         labels=tuple(labels for part in parts for labels in part.labels),
@@ -136,19 +131,21 @@ def measure_grasp(task: Task) -> Measured:
         made = beyond_scenes(task.kind, task.index)
     else:
         made = scenes(task.world, task.kind, task.index)
-    return _joined([_measure_scene(task, scene) for scene in made])
+    return joined([_measure_scene(task, scene) for scene in made])
 
 
 def _measure_scene(task: Task, scene: ForceScene) -> Measured:
-    estimates: dict[tuple[str, str], Answers] = {}
+    estimates: dict[str, dict[str, Answers]] = {read: {} for read in READ}
     for name, choice in task.reconstructors.items():
         try:
-            estimates |= answers(name, choice, scene)
+            found = answers(name, choice, scene)
         except UserError:
             if task.world != BEYOND:
                 raise
             # Rest frames that cannot be the sensor's are refused: every frame is flagged.
-            estimates |= refused(name)
+            found = refused(name)
+        for read, estimate in found.items():
+            estimates[read] |= estimate
     unknown = np.full(4, np.nan)
     return Measured(
         true=truth(scene)[None],

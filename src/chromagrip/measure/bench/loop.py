@@ -1,71 +1,119 @@
-"""Figures of the closed loop: what the validation experiment must show, and its speed."""
+"""Figures of the closed loop: what the validation experiment must show, on both paths."""
 
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
+from ...loop.record import Result
 from ...loop.run import run
 from ...output.report import Report, Row, reported, within
 from ...render.drawing import gl_problem
 from ...scene.scene import load_scene
-from ..environments import environment_rows
-from .speed import speed_rows
+from ..study import Asked, Study, controllers_of, study
 
 
-def bench_loop(quick: bool, progress: Callable[[str], None]) -> Report:
-    """Report of the closed loop.
+class Run(NamedTuple):
+    """A run of the experiment.
 
-    Parameters
+    Attributes
     ----------
-    quick: leave out the 1000 Hz run through the camera, the mesh renderer and all rows of speed
-    progress: called with the name of each run
+    path, scene, controller: of the run
+    renderer: of its pictures; empty is the scene's
     """
-    rows = list(_truth_rows(progress))
-    runs = [("camera-100hz", "painter")]
-    if not quick:
-        runs += [("camera-100hz", "pyrender"), ("thesis", "painter")]
-    for scene, renderer in runs:
-        rows += _camera_rows(scene, renderer, progress)
-    for controller in ("react-to-slip", "conservative"):
-        progress(f"camera-100hz, {controller}, camera path")
-        summary = run(load_scene("camera-100hz", {"controller": controller})).summary
-        case = ("camera-100hz", controller)
-        rows.append(reported((*case, "margin_rmse"), summary["margin_rmse"], ""))
-        rows.append(reported((*case, "displacement"), summary["lateral_displacement_mm"], "mm"))
-    if not quick:
-        rows += speed_rows(progress)
-        rows += environment_rows(progress)
-    return Report(rows=tuple(rows), quick=quick)
+
+    path: str
+    scene: str
+    controller: str
+    renderer: str = ""
 
 
-def _truth_rows(progress: Callable[[str], None]) -> Iterator[Row]:
-    results = {}
-    for controller in ("safety-margin", "react-to-slip", "conservative"):
-        progress(f"thesis, {controller}, truth path")
-        scene = load_scene("thesis", {"path": "truth", "controller": controller})
-        results[controller] = run(scene)
-    slip = {name: one.summary["lateral_displacement_mm"] for name, one in results.items()}
-    final = results["safety-margin"].summary["final_margin_true"]
-    yield within(("truth", "safety-margin", "final_margin"), final, "", 0.28, 0.32)
-    yield within(("truth", "safety-margin", "displacement"), slip["safety-margin"], "mm", 0.0, 0.05)
-    events = results["react-to-slip"].summary["slip_reactions"]
-    time = events[0]["time_s"] if events else None
-    yield within(("truth", "react-to-slip", "reactions"), len(events), "", 1, 1)
-    yield within(("truth", "react-to-slip", "time"), time, "s", 1.35, 1.45)
-    yield within(
-        ("truth", "react-to-slip", "displacement"), slip["react-to-slip"], "mm", 1.25, 1.35
+@study("bench", "loop", method="controller")
+def loop_study(asked: Asked) -> Study[Run, tuple[Row, ...]]:
+    """The thesis's experiment in the closed loop: margins and slips on both paths.
+
+    A quick run leaves out the 1000 Hz run through the camera and the mesh renderer. Controllers
+    that are chosen are run in the same scenes.
+    """
+    own = controllers_of(asked, "thesis", ())
+    runs = [Run("truth", "thesis", name) for name in (*_TRUTH, *own)]
+    runs.append(Run("camera", "camera-100hz", "safety-margin", "painter"))
+    if not asked.quick:
+        runs.append(Run("camera", "camera-100hz", "safety-margin", "pyrender"))
+        runs.append(Run("camera", "thesis", "safety-margin", "painter"))
+    others = ("react-to-slip", "conservative", *own)
+    runs += [Run("camera", "camera-100hz", name) for name in others]
+    return Study(
+        settings=runs,
+        measure=rows_of,
+        result=tuple[Row, ...],
+        report=lambda results: Report(rows=tuple(row for _, rows in results for row in rows)),
+        words=lambda one: " ".join(filter(None, one)),
     )
-    margin = results["conservative"].trace["margin_true"]
-    yield within(("truth", "conservative", "margin_first_load"), margin[990], "", 0.89, 0.91)
-    yield within(("truth", "conservative", "margin_second_load"), margin[-1], "", 0.73, 0.75)
-    yield within(("truth", "conservative", "displacement"), slip["conservative"], "mm", 0.0, 0.005)
 
 
-def _camera_rows(scene: str, renderer: str, progress: Callable[[str], None]) -> Iterator[Row]:
-    case = (scene, renderer)
-    if renderer == "pyrender" and (problem := gl_problem()) is not None:
+def rows_of(setting: Run) -> tuple[Row, ...]:
+    """Figures of a run."""
+    if setting.path == "truth":
+        return tuple(_TRUTH.get(setting.controller, _reported)(setting))
+    return tuple(_margins(setting) if setting.renderer else _reported(setting))
+
+
+def _reported(setting: Run) -> Iterator[Row]:
+    """Figures of a run without targets."""
+    changes = {"path": setting.path, "controller": setting.controller}
+    summary = run(load_scene(setting.scene, changes)).summary
+    case = ("truth" if setting.path == "truth" else setting.scene, setting.controller)
+    if setting.path == "truth":
+        yield reported((*case, "final_margin"), summary["final_margin_true"], "")
+    else:
+        yield reported((*case, "margin_rmse"), summary["margin_rmse"], "")
+    yield reported((*case, "displacement"), summary["lateral_displacement_mm"], "mm")
+
+
+def _safety_margin(setting: Run) -> Iterator[Row]:
+    summary = _on_truth(setting).summary
+    case, slip = ("truth", "safety-margin"), summary["lateral_displacement_mm"]
+    yield within((*case, "final_margin"), summary["final_margin_true"], "", 0.28, 0.32)
+    yield within((*case, "displacement"), slip, "mm", 0.0, 0.05)
+
+
+def _react_to_slip(setting: Run) -> Iterator[Row]:
+    summary = _on_truth(setting).summary
+    case, slip = ("truth", "react-to-slip"), summary["lateral_displacement_mm"]
+    events = summary["slip_reactions"]
+    time = events[0]["time_s"] if events else None
+    yield within((*case, "reactions"), len(events), "", 1, 1)
+    yield within((*case, "time"), time, "s", 1.35, 1.45)
+    yield within((*case, "displacement"), slip, "mm", 1.25, 1.35)
+
+
+def _conservative(setting: Run) -> Iterator[Row]:
+    result = _on_truth(setting)
+    case, margin = ("truth", "conservative"), result.trace["margin_true"]
+    slip = result.summary["lateral_displacement_mm"]
+    yield within((*case, "margin_first_load"), margin[990], "", 0.89, 0.91)
+    yield within((*case, "margin_second_load"), margin[-1], "", 0.73, 0.75)
+    yield within((*case, "displacement"), slip, "mm", 0.0, 0.005)
+
+
+#: Figures of the controllers that the thesis compares, on the truth path.
+_TRUTH: dict[str, Callable[[Run], Iterator[Row]]] = {
+    "safety-margin": _safety_margin,
+    "react-to-slip": _react_to_slip,
+    "conservative": _conservative,
+}
+
+
+def _on_truth(setting: Run) -> Result:
+    return run(load_scene(setting.scene, {"path": "truth", "controller": setting.controller}))
+
+
+def _margins(setting: Run) -> Iterator[Row]:
+    """Figures of Safety Margin through the camera."""
+    case = (setting.scene, setting.renderer)
+    if setting.renderer == "pyrender" and (problem := gl_problem()) is not None:
         yield reported((*case, "not_measured"), None, "", problem)
         return
-    progress(f"{scene}, safety-margin, camera path, {renderer}")
-    summary = run(load_scene(scene, {"renderer": renderer})).summary
+    summary = run(load_scene(setting.scene, {"renderer": setting.renderer})).summary
     slip = summary["lateral_displacement_mm"]
     yield within((*case, "displacement"), slip, "mm", 0.0, 0.2)
     for end in ("min", "max"):

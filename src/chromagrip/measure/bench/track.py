@@ -1,14 +1,15 @@
 """Figures of the trackers: every tracker on every scene, as multiples of the physical limit."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from ...by_name import Choice, named
+from ...by_name import Choice
 from ...errors import UserError
 from ...extras import missing
-from ...output.processes import one_thread
 from ...output.report import (
     Bounds,
     Report,
@@ -23,6 +24,7 @@ from ...output.report import (
 )
 from ...render import LAYERS
 from ...tracking import DEFAULT_TRACKER, tracker_names
+from ..study import Asked, Results, Study, study
 from ..worlds.track_compressed import CODECS, compressed, stated_errors
 from ..worlds.track_compressed import UNITS as CODEC_UNITS
 from ..worlds.track_motion import ROUND
@@ -85,50 +87,64 @@ _NOTE = (
 )
 
 
-def bench_track(
-    quick: bool,
-    progress: Callable[[str], None],
-    trackers: Sequence[Choice] = (),
-    scenes: Sequence[str] = (),
-) -> Report:
-    """Report of trackers: rows `scene/tracker/score`, targets of the default, speed and the bound.
+class Part(NamedTuple):
+    """One measurement of trackers.
 
-    Parameters
+    Attributes
     ----------
-    quick: fewer frames, only scenes with a target, and in most of them only the default
-    progress: called with the name of each measurement
-    trackers: names, module:Class or classes; none are all that there are, beside a constant answer
-    scenes: only these; none are all, codecs and the long scene
-
-    Raises
-    ------
-    UserError
-        When there is no such tracker or scene.
+    kind: key of `_PARTS`
+    name: of the scene or the codec
+    trackers: by their name in rows
+    frames: number of them
     """
-    chosen = choose(trackers)
-    for scene in scenes:
-        if scene not in SCENES:
-            raise UserError(f"no scene {scene!r} for trackers; there is {', '.join(SCENES)}")
-    wanted = scenes or ([scene for scene, _ in TARGETS] if quick else list(SCENES))
-    wanted = list(dict.fromkeys(wanted))
-    rows: list[Row] = []
-    with one_thread():
-        for k, scene in enumerate(wanted, 1):
-            few = quick and not trackers and scene not in _QUICK_ALL
-            some = {n: c for n, c in chosen.items() if not few or n in (CONSTANT, DEFAULT_TRACKER)}
-            place = f"scene {k} of {len(wanted)}, {scene}"
-            rows += _scene_rows(scene, QUICK_FRAMES if quick else FRAMES, some, progress, place)
-        if not trackers and not scenes:
-            rows += _codec_rows(_QUICK_CODECS if quick else tuple(CODECS), progress)
-        moving = {} if scenes else named(trackers or (DEFAULT_TRACKER,), tracker_class)
-        if moving:
-            rows += _drifts(moving, QUICK_LONG if quick else LONG, progress)
-        if not quick and not scenes:
-            able = values(rows)
-            for name, choice in chosen.items():
-                if ("clean", name, "time") in able:
-                    progress(f"memory: {name}")
-                    rows.append(reported(("clean", name, "memory"), peak_memory(choice), "MB"))
+
+    kind: str
+    name: str
+    trackers: dict[str, Choice]
+    frames: int = FRAMES
+
+
+@study("bench", "track", method="tracker", parts=tuple(SCENES), of_parts="scene")
+def track_study(asked: Asked) -> Study[Part, tuple[Row, ...]]:
+    """Every tracker in every scene, as multiples of the physical limit.
+
+    Rows are `scene/tracker/score`, and the speed and the bound itself. A quick run has fewer
+    frames, only scenes with a target, and in most of them only the default. Codecs and the long
+    scene are left out where scenes are chosen.
+    """
+    chosen, quick = choose(asked), asked.quick
+    wanted = asked.only or ([scene for scene, _ in TARGETS] if quick else list(SCENES))
+    parts = []
+    for scene in dict.fromkeys(wanted):
+        few = quick and not asked.methods and scene not in _QUICK_ALL
+        some = {n: c for n, c in chosen.items() if not few or n in (CONSTANT, DEFAULT_TRACKER)}
+        parts.append(Part("scene", scene, some, QUICK_FRAMES if quick else FRAMES))
+    if not asked.only:
+        default: dict[str, Choice] = {DEFAULT_TRACKER: DEFAULT_TRACKER}
+        if not asked.methods:
+            codecs = _QUICK_CODECS if quick else tuple(CODECS)
+            parts += [Part("codec", name, default) for name in codecs]
+        moving = asked.chosen([DEFAULT_TRACKER], tracker_class)
+        parts.append(Part("long", "long", moving, QUICK_LONG if quick else LONG))
+        if not quick:
+            parts += [Part("memory", "clean", {name: each}) for name, each in chosen.items()]
+    return Study(
+        timed=parts,
+        measure=rows_of,
+        result=tuple[Row, ...],
+        report=lambda results: report_of(results, chosen),
+        words=lambda part: f"{part.kind} {part.name}",
+    )
+
+
+def rows_of(part: Part) -> tuple[Row, ...]:
+    """Figures of one measurement."""
+    return tuple(_PARTS[part.kind](part))
+
+
+def report_of(results: Results[Part, tuple[Row, ...]], chosen: Collection[str]) -> Report:
+    """Report of all measurements of these trackers."""
+    rows = [row for _, found in results for row in found]
     rows += [*_speed(rows, chosen), *_lowest(rows)]
     clean = [row for row in rows if row.subject[0] == "clean" and row.score != "refused"]
     coded = [row for row in rows if row.subject[0] == "codec" and row.score != "refused"]
@@ -142,33 +158,19 @@ def bench_track(
             score_table(clean, lambda row: row.subject[1], "Every score in the scene `clean`"),
             score_table(coded, lambda row: row.subject[1], f"`clean` after codecs, {_CODEC_NOTE}"),
         ),
-        quick=quick,
     )
 
 
-def choose(trackers: Sequence[Choice]) -> dict[str, Choice]:
-    """Trackers to measure by name, beside the constant answer; none are all that there are.
-
-    Raises
-    ------
-    UserError
-        When there is no such tracker.
-    """
-    return named((CONSTANT, *(trackers or tracker_names())), tracker_class)
+def choose(asked: Asked) -> dict[str, Choice]:
+    """Trackers to compare by name, with the constant answer; unless chosen all that there are."""
+    return asked.chosen(tracker_names(), tracker_class, (CONSTANT,))
 
 
-def _scene_rows(
-    scene: str,
-    count: int,
-    trackers: Mapping[str, Choice],
-    progress: Callable[[str], None],
-    place: str,
-) -> Iterator[Row]:
+def _scene_rows(part: Part) -> Iterator[Row]:
     """Every score of trackers in a scene, or the reason why a tracker refused its frames."""
-    progress(f"{place}: frames and their limit")
-    frames = sequence(SCENES[scene], count)
-    for name, choice in trackers.items():
-        progress(f"{place}: {name}")
+    scene = part.name
+    frames = sequence(SCENES[scene], part.frames)
+    for name, choice in part.trackers.items():
         try:
             found = scores(follow(choice, frames), frames)
         except UserError as error:
@@ -179,50 +181,56 @@ def _scene_rows(
             yield measured((scene, name, score), value, UNITS[score], target)
 
 
-def _codec_rows(names: Sequence[str], progress: Callable[[str], None]) -> Iterator[Row]:
-    """Errors of the default tracker over what it states, in the scene `clean` after codecs."""
-    progress("codecs: frames")
-    scene = sequence(SCENES["clean"], FRAMES, limits=False)
+def _codec_rows(part: Part) -> Iterator[Row]:
+    """Errors of the default tracker over what it states, in the scene `clean` after a codec."""
     reason = missing("video")
-    for name in names:
-        if reason is not None and not name.startswith("jpeg"):
-            yield reported(("codec", name, "refused"), None, "", reason)
-            continue
-        progress(f"codecs: {name}")
-        after = compressed(scene, CODECS[name])
-        found = stated_errors(follow(DEFAULT_TRACKER, after), after)
-        found["places"] = max(found[f"{layer}_places"] for layer in LAYERS)
-        for score, value in found.items():
-            target = _STATED if score == "places" and name in _USABLE else None
-            yield measured(("codec", name, score), value, CODEC_UNITS[score], target)
+    if reason is not None and not part.name.startswith("jpeg"):
+        yield reported(("codec", part.name, "refused"), None, "", reason)
+        return
+    after = compressed(sequence(SCENES["clean"], FRAMES, limits=False), CODECS[part.name])
+    found = stated_errors(follow(DEFAULT_TRACKER, after), after)
+    found["places"] = max(found[f"{layer}_places"] for layer in LAYERS)
+    for score, value in found.items():
+        target = _STATED if score == "places" and part.name in _USABLE else None
+        yield measured(("codec", part.name, score), value, CODEC_UNITS[score], target)
 
 
-def _drifts(
-    trackers: Mapping[str, Choice], count: int, progress: Callable[[str], None]
-) -> Iterator[Row]:
+def _drifts(part: Part) -> Iterator[Row]:
     """Error of the last frames over that of the first ones, of a motion that repeats itself."""
-    progress("long: frames")
     noise = SCENES["sway"].noise
     quiet = sequence(replace(SCENES["sway"], noise=0.0), ROUND, limits=False)
     rest = [noisy(frame.image, noise, 2**31 + k, 0.0) for k, frame in enumerate(quiet.rest)]
-    for name, choice in trackers.items():
+    for name, choice in part.trackers.items():
         squares: list[float] = []
         ratio, note = np.nan, ""
         try:
             tracker = tracker_class(choice)(quiet.palette, noise)
             number = numbers(tracker.reset(rest), quiet)
-            for k in range(count):
-                if k % 100 == 0:
-                    progress(f"long: {name}, frame {k} of {count}")
+            for k in range(part.frames):
                 shot = quiet.shots[k % ROUND]
                 tracks = tracker.update(noisy(shot.frame.image, noise, k, PERIOD * (k + 1)))
-                if k < _END or k >= count - _END:
+                if k < _END or k >= part.frames - _END:
                     offset = positions(tracks, number) - shot.centre
                     squares.append(float(np.nanmean(offset**2)))
             ratio = float(np.sqrt(np.mean(squares[-_END:]) / np.mean(squares[:_END])))
         except UserError as error:
             note = str(error)
         yield within(("long", name, "drift"), ratio, "", 0.9, 1.1, note)
+
+
+def _memory(part: Part) -> Iterator[Row]:
+    """Largest memory of a process that follows the scene `clean`."""
+    for name, choice in part.trackers.items():
+        with suppress(UserError):  # refuses it
+            yield reported(("clean", name, "memory"), peak_memory(choice), "MB")
+
+
+_PARTS: dict[str, Callable[[Part], Iterator[Row]]] = {
+    "scene": _scene_rows,
+    "codec": _codec_rows,
+    "long": _drifts,
+    "memory": _memory,
+}
 
 
 def _speed(rows: Sequence[Row], trackers: Collection[str]) -> Iterator[Row]:

@@ -1,16 +1,19 @@
 """Time per field of each reconstructor against its error."""
 
-from collections.abc import Callable
+from collections.abc import Mapping
 
 import numpy as np
 
+from ...by_name import Choice
 from ...tracking import METHODS
 from ...tracking.forces import DOME_METHODS
-from ..bench.force import BEST, timed_scenes
-from ..bench.force_sets import Measured, choose, measure
-from ..worlds.force_scores import CONSTANT, READ, UNITS, constant, scores, times
+from ..bench.force import BEST, Speed, Times, force_words, measure_force
+from ..bench.force_sets import Measured, Task, choose, joined, tasks
+from ..study import Asked, Results, Study, study
+from ..worlds.force_scores import CONSTANT, READ, UNITS, constant, scores
 from ..worlds.grasps import LIBRARY
 from .chart import CONSTANT_TOLD, Axis, Chart, Point
+from .page import chart_study
 
 #: Grasps whose errors are measured, and those of a quick run.
 _GRASPS = 48
@@ -22,31 +25,34 @@ _QUICK_TURNS = 3
 _ERRORS = {"normal_rms": "ΣFn, RMS error [%]", "margin_rms": "Γ, RMS error"}
 
 
-def chart_force(
-    quick: bool, progress: Callable[[str], None], reconstructors: tuple[str, ...] = ()
-) -> Chart:
-    """Measure reconstructors on the matched library.
+@study("chart", "force", method="reconstructor")
+def force_chart(asked: Asked) -> Study[Task | Speed, Measured | Times]:
+    """Time per field of each reconstructor against its error, on the chain's matched library.
 
-    Parameters
-    ----------
-    quick: few grasps, and only reconstructors of the chain where none are chosen
-    progress: called with the name of each measurement
-    reconstructors: names or module:Class; none are all of ours
-
-    Raises
-    ------
-    UserError
-        When there is no such reconstructor.
+    A quick run has few grasps and, unless they are chosen, only reconstructors of the chain.
     """
     # Those of domes refuse nearly all of the chain's pictures, and take long over it.
     quickly = [name for name in METHODS if name not in DOME_METHODS]
-    names = choose(reconstructors or (quickly if quick else ()))
-    grasps, turns = (_QUICK_GRASPS, _QUICK_TURNS) if quick else (_GRASPS, _TURNS)
-    measured = measure({("matched", LIBRARY): grasps}, names, grasps, progress)["matched"]
-    progress("speed")
-    spent = times(names, timed_scenes(), turns)
+    names = choose(asked, quickly if asked.quick else ())
+    grasps, turns = (_QUICK_GRASPS, _QUICK_TURNS) if asked.quick else (_GRASPS, _TURNS)
+    return chart_study(
+        lambda results: _chart(results, names, grasps),
+        measure_force,
+        Measured | Times,
+        settings=tasks({("matched", LIBRARY): grasps}, names, grasps),
+        timed=[Speed(names, turns)],
+        words=force_words,
+    )
+
+
+def _chart(
+    results: Results[Task | Speed, Measured | Times], names: Mapping[str, Choice], grasps: int
+) -> Chart:
+    found = [one for _, one in results if isinstance(one, Measured)]
+    measured = joined(found)
+    spent = dict(next(one for _, one in results if not isinstance(one, Measured)))
     known = {
-        name: {read: scores(measured.answers[name, read], measured.true) for read in READ}
+        name: {read: scores(measured.answers[read][name], measured.true) for read in READ}
         for name in names
     }
     axes = [

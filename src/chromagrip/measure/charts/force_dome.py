@@ -1,17 +1,29 @@
 """Time per field of each reconstructor against its error, on pictures of domes of silicone."""
 
-from collections.abc import Callable
+from collections.abc import Mapping
 
 import numpy as np
 
-from ...by_name import Choice
 from ..bench.force_sets import choose
-from ..beyond.scores import beyond_scores
-from ..domes.across import DESIGN
-from ..domes.readings import Reading, constant
-from ..domes.sets import BEST, COMPARED, DESIGNS, FREE, SOFT, Result, measure_domes
+from ..study import Asked, Study, study
+from ..worlds.beyond.scores import beyond_scores
+from ..worlds.dome.across import DESIGN
+from ..worlds.dome.readings import Reading, constant
+from ..worlds.dome.sets import (
+    BEST,
+    COMPARED,
+    DESIGNS,
+    FREE,
+    SOFT,
+    Result,
+    Task,
+    by_set,
+    measure_scene,
+    tasks,
+)
 from ..worlds.force_scores import CONSTANT
 from .chart import CONSTANT_TOLD, Axis, Chart, Peer, Point
+from .page import chart_study
 
 #: Scenes of the design that all reconstructors read, those of a quick run, and of each other one.
 _SCENES, _QUICK_SCENES, _OF_OTHERS = 4, 1, 2
@@ -25,29 +37,32 @@ _OTHERS: dict[str, tuple[str, ...]] = {
 }
 
 
-def chart_force_dome(
-    quick: bool, progress: Callable[[str], None], reconstructors: tuple[str, ...] = ()
-) -> Chart:
-    """Measure reconstructors on domes: all on one design, those of domes on others beside it.
+@study("chart", "force", worlds=("dome",), method="reconstructor")
+def dome_chart(asked: Asked) -> Study[Task, Result]:
+    """Time per field of each reconstructor against its error, on pictures of domes of silicone.
 
-    Parameters
-    ----------
-    quick: few scenes of one design
-    progress: called with the name of each measurement
-    reconstructors: names or module:Class; none are all that are compared across worlds
-
-    Raises
-    ------
-    UserError
-        When there is no such reconstructor.
+    All are compared on one design, those of domes on others too. A quick run has few scenes of one
+    design.
     """
-    methods = choose(reconstructors or COMPARED)
-    count = _QUICK_SCENES if quick else _SCENES
-    result = _measured(DESIGN, SOFT, count, methods, progress)
+    methods = choose(asked, COMPARED)
+    count = _QUICK_SCENES if asked.quick else _SCENES
+    wanted = tasks({(DESIGN, SOFT): count}, methods)
+    for design, names in {} if asked.quick or asked.methods else _OTHERS.items():
+        wanted += tasks({(design, "matched"): _OF_OTHERS}, {name: name for name in names})
+    return chart_study(
+        lambda results: _chart(by_set(results), count),
+        measure_scene,
+        Result,
+        settings=wanted,
+        words=lambda task: f"{task.design}, {task.kind}",
+    )
+
+
+def _chart(sets: Mapping[tuple[str, str], Result], count: int) -> Chart:
+    result = sets[DESIGN, SOFT]
     guess = beyond_scores(constant(result.true, result.side).answers, result.true)
     peers: dict[str, list[Peer]] = {key: [] for key in _ERRORS}
-    for design, names in {} if quick or reconstructors else _OTHERS.items():
-        other = _measured(design, "matched", _OF_OTHERS, {n: n for n in names}, progress)
+    for (design, _), other in list(sets.items())[1:]:
         for name, reading in other.readings.items():
             times, found = _times(reading), beyond_scores(reading.answers, other.true)
             for key, of in peers.items():
@@ -69,7 +84,7 @@ def chart_force_dome(
                 errors={key: found[key] for key in _ERRORS},
                 ours=name in (BEST, FREE),
                 settings=_told(found, "0.8 to 1.2 N", count),
-                command=f"chromagrip chart force --reconstructor {name}",
+                command=f"chromagrip chart force --world dome --reconstructor {name}",
             )
         )
     axes = [
@@ -85,16 +100,6 @@ def chart_force_dome(
         levels={CONSTANT: CONSTANT_TOLD},
         compared="other sensors, stronger grips",
     )
-
-
-def _measured(
-    design: str,
-    kind: str,
-    count: int,
-    methods: dict[str, Choice] | dict[str, str],
-    progress: Callable[[str], None],
-) -> Result:
-    return measure_domes({(design, kind): count}, methods, progress)[design, kind]
 
 
 def _times(reading: Reading) -> list[float]:

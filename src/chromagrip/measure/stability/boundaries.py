@@ -3,7 +3,7 @@
 import math
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,13 +60,18 @@ class Boundary:
 
 
 def boundaries(
-    plan: Mapping[str, Map], done: Mapping[Setting, Cell], progress: Callable[[str], None]
+    plan: Mapping[str, Map], done: Mapping[Setting, Cell], onsets: Mapping[Setting, float]
 ) -> Iterator[Boundary]:
-    """Boundaries of the maps of rate and latency, and of gains."""
+    """Boundaries of the maps of rate and latency, and of gains.
+
+    Parameters
+    ----------
+    plan, done: maps, and the outcomes of their settings
+    onsets: period at which a small disturbance grows, see `onset` [s]
+    """
     which = plan["rate-latency"]
     for panel in which.panels:
-        for latency in panel.y:
-            progress(f"small disturbances, {panel.title}, latency {latency}")
+        for latency in panel.y if panel.base.predicted else ():
             setting = which.at(panel, panel.x[0], latency)
             pair = crossing([done[which.at(panel, x, latency)] for x in panel.x])
             rests, swings = (c.linear().delay for c in pair) if pair else (np.nan, np.nan)
@@ -76,7 +81,7 @@ def boundaries(
                 panel=panel.title,
                 at=float(latency),
                 predicted=delay * critical_period(setting.linear()),
-                small=delay * onset(setting),
+                small=delay * onsets[setting],
                 rests=rests,
                 swings=swings,
             )
@@ -142,6 +147,8 @@ def sentences(which: Map, edges: Sequence[Boundary]) -> list[str]:
     texts = []
     for panel in which.panels:
         base = panel.base
+        if not base.predicted:
+            continue
         dynamics = plant(base.friction, base.stiffness_kpa, base.radius_mm)
         lines = [edge for edge in edges if edge.panel == panel.title]
         texts.append(

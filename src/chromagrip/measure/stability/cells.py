@@ -97,6 +97,11 @@ class Setting:
             },
         )
 
+    @property
+    def predicted(self) -> bool:
+        """Whether the linearised loop is that of its controller."""
+        return self.controller == "safety-margin"
+
     def through_camera(self) -> "Setting":
         """The same through the camera, without stated noise."""
         return replace(self, path="camera", margin_noise=0.0)
@@ -159,8 +164,7 @@ def plant(friction: float, stiffness_kpa: float, radius_mm: float) -> Plant:
 
 def cell(setting: Setting) -> Cell:
     """Run a setting and judge it."""
-    known = setting.controller == "safety-margin"
-    root = largest_root(setting.linear()) if known else np.nan
+    root = largest_root(setting.linear()) if setting.predicted else np.nan
     try:
         trace = _run(setting.scene())
     except UserError as stopped:

@@ -5,28 +5,33 @@ pictures from before the touch on, and is scored where grip and load are held.
 """
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from ...by_name import Choice
 from ...errors import UserError
 from ...model import Solid
 from ...model.dome import solid_stiffness
 from ...model.shapes import ball, plane
-from ...output.processes import map_processes
+from ...output.figure import WIDTH, legend_below, new_figure, png
 from ...output.report import Report, Row, reported
-from ...tracking import sensor_as_designed
-from ..domes.grips import MARGINS, UNLIKE, Grip, unlike_shape
-from ..domes.readings import Reading, read
-from ..domes.scenes import SEED, Watched, watch
-from ..domes.sets import BEST, COMPARED
-from ..domes.specimens import Specimen, matched
+from ...tracking import load_reconstructor, sensor_as_designed
+from ..study import Asked, Study, study
+from ..worlds.dome.grips import MARGINS, UNLIKE, Grip, unlike_shape
+from ..worlds.dome.readings import Reading, read
+from ..worlds.dome.scenes import SEED, Watched, watch
+from ..worlds.dome.sets import BEST, COMPARED
+from ..worlds.dome.specimens import Specimen, matched
 from ..worlds.force_scores import QUANTITIES
-from .panels import Outcome, Outcomes, score_of, text_of, worst
+from .fields import draw_cells, patches, remark, title_of
+from .panels import Outcome, Outcomes, map_study, score_of, text_of, worst
 
 Array = NDArray[np.float64]
 
@@ -108,12 +113,12 @@ _AZIMUTH = 30.0
 
 
 class Setting(NamedTuple):
-    """Design, reconstructor, dial and its value in words."""
+    """Design, dial, its value in words, and the reconstructors that read it by name."""
 
     design: str
-    method: str
     dial: str
     value: str
+    methods: dict[str, Choice]
 
 
 @dataclass(frozen=True)
@@ -142,22 +147,30 @@ class Cell:
     frames: int
     note: str
 
-    @property
-    def setting(self) -> Setting:
-        """Setting of this cell."""
-        return Setting(self.design, self.method, self.dial, self.value)
 
+@study("stability", "force", method="reconstructor")
+def force_map(asked: Asked) -> Study[Setting, list[Cell]]:
+    """Reconstructors on pictures of domes over one condition at a time.
 
-def settings(quick: bool) -> list[Setting]:
-    """Every cell of the map; those of one scene follow each other."""
-    dials = QUICK if quick else {name: dial.values for name, dial in DIALS.items()}
-    return [
-        Setting(design, method, dial, text_of(value))
-        for dial, values in dials.items()
-        for value in values
-        for design, (_, methods) in list(READERS.items())[: 1 if quick else None]
-        for method in methods
-    ]
+    Those that are chosen are shown beside ours. A quick map has a few values of two conditions, of
+    one design.
+    """
+    own = asked.chosen((), load_reconstructor)
+    dials = QUICK if asked.quick else {name: dial.values for name, dial in DIALS.items()}
+    return map_study(
+        "map",
+        [
+            Setting(design, dial, text_of(value), {**{name: name for name in methods}, **own})
+            for dial, values in dials.items()
+            for value in values
+            for design, (_, methods) in list(READERS.items())[: 1 if asked.quick else None]
+        ],
+        cells,
+        Cell,
+        report,
+        partial(draw_force, quick=asked.quick),
+        words=lambda one: f"{one.design}, {one.dial} {one.value}",
+    )
 
 
 def case_of(dial: str, value: str) -> Case:
@@ -167,29 +180,20 @@ def case_of(dial: str, value: str) -> Case:
     return replace(DIALS[dial].base, **changed)
 
 
-def cells(
-    wanted: Sequence[Setting], workers: int, progress: Callable[[str], None]
-) -> Generator[Cell]:
-    """Make the scene of each dial and value, and let the wanted reconstructors read it."""
-    groups: dict[tuple[str, str, str], list[Setting]] = {}
-    for one in wanted:
-        groups.setdefault((one.design, one.dial, one.value), []).append(one)
-    tasks = list(groups.values())
-    results = map_processes(_cells_of_scene, tasks, workers, ordered=True)
-    for done, made in enumerate(results, 1):
-        progress(f"{made[0].dial} {made[0].value}: scene {done} of {len(tasks)}")
-        yield from made
-
-
-def _cells_of_scene(group: list[Setting]) -> list[Cell]:
-    design, _, dial, value = group[0]
+def cells(setting: Setting) -> list[Cell]:
+    """Make the scene of a setting, and let the reconstructors read it."""
+    design, dial, value, methods = setting
     try:
         watched = _watched(design, case_of(dial, value))
         if len(watched.scored) <= len(MARGINS):
             raise UserError("the object slides off")
     except UserError as error:
-        return [Cell(*one, "not held", math.nan, math.nan, 0, 0, str(error)) for one in group]
-    return [cell(one, read(one.method, watched), watched.true) for one in group]
+        lost = ("not held", math.nan, math.nan, 0, 0, str(error))
+        return [Cell(design, name, dial, value, *lost) for name in methods]
+    return [
+        Cell(design, name, dial, value, *judged(read(method, watched), watched.true), "")
+        for name, method in methods.items()
+    ]
 
 
 def _watched(design: str, case: Case) -> Watched:
@@ -226,8 +230,14 @@ def _grip(case: Case, radius: float, usual: float) -> Grip:
     )
 
 
-def cell(setting: Setting, reading: Reading, true: Array) -> Cell:
-    """What a reconstructor made of a scene with that truth, shape (I, 4)."""
+def judged(reading: Reading, true: Array) -> tuple[str, float, float, int, int]:
+    """Outcome, errors, and numbers of frames of a reading, as a cell has them.
+
+    Parameters
+    ----------
+    reading: of the frames of a scene
+    true: truth in them, shape (I, 4)
+    """
     answers = reading.answers
     kept = ~answers.flagged
     off = abs(answers.value - true)[kept]
@@ -247,12 +257,10 @@ def cell(setting: Setting, reading: Reading, true: Array) -> Cell:
     }
     flagged = int(answers.flagged.sum())
     percent = 100.0 * largest["normal"]
-    return Cell(
-        *setting, worst("accurate", happened), percent, largest["margin"], flagged, len(true), ""
-    )
+    return worst("accurate", happened), percent, largest["margin"], flagged, len(true)
 
 
-def report(results: Sequence[Cell], quick: bool) -> Report:
+def report(results: Sequence[Cell]) -> Report:
     """Outcomes of each reconstructor, and each place where one of domes is wrong and narrow."""
     rows: list[Row] = []
     for design, method in dict.fromkeys((one.design, one.method) for one in results):
@@ -273,4 +281,39 @@ def report(results: Sequence[Cell], quick: bool) -> Report:
         if one.method not in COMPARED[:2]
     ]
     notes = [f"{one.design}, {one.dial} {one.value}: {one.note}" for one in results if one.note]
-    return Report(rows=tuple(rows), notes=(*told, *dict.fromkeys(notes)), quick=quick)
+    return Report(rows=tuple(rows), notes=(*told, *dict.fromkeys(notes)))
+
+
+def draw_force(results: Sequence[Cell], path: Path, quick: bool) -> None:
+    """Write the map of the reconstructors: a panel for each dial, a line for each of them.
+
+    A cell has the largest error of ΣFn of the frames that are read, in percent.
+    """
+    dials = list(dict.fromkeys(cell.dial for cell in results))
+    readers = list(dict.fromkeys((cell.method, cell.design) for cell in results))
+    columns = min(2, len(dials))
+    rows = -(-len(dials) // columns)
+    title = title_of("Domes, pressed and pulled to Γ ≈ .1: what each reconstructor reads", quick)
+    figure = new_figure(title, WIDTH, rows * (0.24 * len(readers) + 0.65) + 1.4)
+    panels = figure.subplots(rows, columns, squeeze=False)
+    y = {reader: ", ".join(reader) for reader in readers}
+    for axes, dial in zip(panels.flat, dials, strict=False):
+        part = [cell for cell in results if cell.dial == dial]
+        x = {cell.value: cell.value for cell in part}
+        shown = {(c.value, (c.method, c.design)): (c.outcome, _text_of_force(c)) for c in part}
+        draw_cells(axes, shown, x, y, OUTCOMES)
+        axes.invert_yaxis()
+        axes.set_xlabel(DIALS[dial].label, fontsize=8)
+    for axes in panels.flat[len(dials) :]:
+        axes.axis("off")
+    for axes in panels[:, 1:].flat:
+        axes.set_yticklabels([])
+    numbers = remark("numbers: largest error of ΣFn in a frame that is read [%]")
+    legend_below(figure, [*patches(results, OUTCOMES), numbers], 2)
+    path.write_bytes(png(figure))
+
+
+def _text_of_force(cell: Cell) -> str:
+    error = cell.normal_percent
+    number = "" if np.isnan(error) else f"{error:.0f}" if error >= 0.95 else "<1"
+    return f"{OUTCOMES[cell.outcome].letter} {number}".strip()

@@ -1,6 +1,7 @@
 """The maps of the closed loop: their axes, and the boundaries that the linearised loop predicts."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -20,6 +21,10 @@ PRINTED = Setting()
 SLOW = Setting(rate_hz=100.0, latency_frames=1)
 #: Gains retuned for that rate (docs/stability-loop.md).
 RETUNED = replace(SLOW, proportional_n=0.25, integral_n_per_s=30.0, window_s=0.3)
+#: Controller of the scene `margin-60hz`, with its average of µ.
+INVERSION = replace(SLOW, controller="margin-inversion", rate_hz=60.0, window_s=0.1)
+#: Settings of shipped scenes, on the truth path with the default noise.
+SHIPPED = {"thesis": PRINTED, "camera-100hz": RETUNED, "margin-60hz": INVERSION}
 #: µ and radius [mm] of the thesis's object, and of the one whose plant has the largest gain.
 KINDS = {"µ 0.5, flat": (0.5, math.inf), "µ 0.7, 5 mm radius": (0.7, 5.0)}
 #: Points of a predicted curve.
@@ -68,9 +73,9 @@ Map = panels.Map[Setting]
 
 
 def _rate_lines(panel: Panel) -> list[Line]:
-    """Slowest rate that is stable at each latency."""
+    """Slowest rate that is stable at each latency, of the controller that is linearised."""
     lines = []
-    for row, latency in enumerate(panel.y):
+    for row, latency in enumerate(panel.y if panel.base.predicted else ()):
         loop = replace(panel.base, latency_frames=int(latency)).linear()
         # Rates fall along the axis, periods grow.
         x = place([1.0 / rate for rate in panel.x], np.full(2, critical_period(loop)))
@@ -146,13 +151,18 @@ def noise_limit(setting: Setting) -> float:
     return float(SWING * grip / (2.0 * largest * noise_gain(setting.linear())))
 
 
-def maps(quick: bool) -> dict[str, Map]:
-    """Every map by name; a quick one has a few cells of each."""
+def maps(quick: bool, own: Sequence[str] = ()) -> dict[str, Map]:
+    """Every map by name; a quick one has a few cells of each.
+
+    Parameters
+    ----------
+    own: further controllers, which the maps of rate and latency and of noise show beside ours
+    """
     return {
-        "rate-latency": _rate_latency_map(quick),
+        "rate-latency": _rate_latency_map(quick, own),
         "gains": _gains_map(quick),
         "load": _load_map(quick),
-        "noise": _noise_map(quick),
+        "noise": _noise_map(quick, own),
         "objects": _objects_map(quick),
     }
 
@@ -161,7 +171,7 @@ def _few(values: tuple[float, ...], quick: bool) -> tuple[float, ...]:
     return values[2::3] if quick else values
 
 
-def _rate_latency_map(quick: bool) -> Map:
+def _rate_latency_map(quick: bool, own: Sequence[str]) -> Map:
     kinds = list(KINDS.items())[: 1 if quick else None]
     sharp = _of_kind(RETUNED, *KINDS["µ 0.7, 5 mm radius"])
     camera = [replace(RETUNED, rate_hz=rate, latency_frames=late) for rate, late in _CAMERA]
@@ -185,6 +195,16 @@ def _rate_latency_map(quick: bool) -> Map:
                 ("printed", PRINTED, _PRINTED_RATES),
                 ("retuned", RETUNED, _RETUNED_RATES),
             )
+            for kind, values in kinds
+        )
+        + tuple(
+            Panel(
+                title=f"{name}, {kind}",
+                base=_of_kind(replace(INVERSION, controller=name), *values),
+                x=_few(_RETUNED_RATES, quick),
+                y=(0, 1) if quick else (0, 1, 2, 3),
+            )
+            for name in (INVERSION.controller, *own)
             for kind, values in kinds
         ),
         camera=tuple(one.through_camera() for one in (camera[2:3] if quick else camera)),
@@ -232,7 +252,7 @@ def _load_map(quick: bool) -> Map:
     )
 
 
-def _noise_map(quick: bool) -> Map:
+def _noise_map(quick: bool, own: Sequence[str]) -> Map:
     return Map(
         title="White noise on Γ, and the controller",
         x="margin_noise",
@@ -241,7 +261,9 @@ def _noise_map(quick: bool) -> Map:
         y_label="",
         columns=2,
         panels=tuple(
-            Panel(title=f"{title} gains", base=base, x=_few(_NOISES, quick), y=_CONTROLLERS)
+            Panel(
+                title=f"{title} gains", base=base, x=_few(_NOISES, quick), y=(*_CONTROLLERS, *own)
+            )
             for title, base in _AT_RATES.items()
         ),
         lines=_noise_lines,

@@ -1,6 +1,6 @@
 """What the maps of the closed loop are made of: panels of cells, with boundaries by analysis."""
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...output.cells import read_cells, resumed
-from ...output.processes import map_processes
+from ...output.cells import write_cells
+from ...output.page import PageSection, inline_png
+from ...output.report import Report
+from ..study import Results, Study
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -123,34 +125,68 @@ def place(values: Sequence[float], at: Array) -> Array:
     return np.asarray(places + np.maximum(wanted - known[-1], 0.0) / last)
 
 
-def run_maps(
-    plan: Mapping[str, Map[Any]],
+def map_study(
+    name: str,
+    settings: Sequence[Any],
+    measure: Callable[[Any], list[Any]],
     kind: type[Any],
-    cell: Callable[[Any], Any],
-    unfinished: Path | None,
-    progress: Callable[[str], None],
-    workers: int,
-) -> dict[Any, Any]:
-    """Cell of every setting of all maps; those of an interrupted run need no new one.
+    report: Callable[[list[Any]], Report],
+    draw: Callable[[list[Any], Path], None],
+    words: Callable[[Any], str],
+) -> Study[Any, Any]:
+    """Study that is drawn as one map: NAME.png, and NAME.csv with all of its cells.
 
     Parameters
     ----------
-    kind: of a cell, with its `setting`
-    cell: makes one from its setting
-    unfinished: file of the cells so far; None keeps none
-    progress: called with the number of runs that are done
-    workers: processes; one runs in this one
+    settings, words: see `Study`
+    measure: cells of a setting
+    kind: of the cells
+    report: from all cells
+    draw: writes the picture of all cells
     """
-    wanted = list(dict.fromkeys(one for which in plan.values() for one in which.settings()))
 
-    def run(waiting: list[Any]) -> Generator[Any]:
-        yield from map_processes(cell, waiting, workers)
+    def all_cells(results: Results[Any, list[Any]]) -> list[Any]:
+        return [one for _, some in results for one in some]
 
-    return resumed(
-        unfinished,
-        read_cells(unfinished, kind),
-        lambda one: one.setting,
-        wanted,
-        run,
-        lambda done, total: progress(f"{done} of {total} runs"),
+    def show(results: Results[Any, list[Any]], out: Path) -> list[PageSection]:
+        draw(all_cells(results), out / f"{name}.png")
+        write_cells(all_cells(results), out / f"{name}.csv")
+        return [picture_section(name, out / f"{name}.png", "Map")]
+
+    return Study(
+        settings=settings,
+        measure=measure,
+        result=list[kind],  # type: ignore[valid-type]
+        report=lambda results: report(all_cells(results)),
+        words=words,
+        show=show,
     )
+
+
+def shipped_notes(
+    shipped: Mapping[str, Any], done: Mapping[Any, Any], outcomes: Outcomes
+) -> Iterator[str]:
+    """A sentence for each shipped scene whose own cell is not the best.
+
+    Parameters
+    ----------
+    shipped: setting of each scene
+    done: cells of the settings
+    """
+    best = next(iter(outcomes))
+    for scene, setting in shipped.items():
+        outcome = done[setting].outcome
+        if outcome != best:
+            words = outcomes[outcome].words
+            yield f"The scene `{scene}` as shipped is itself in a cell of {outcome} ({words})."
+
+
+def picture_section(name: str, picture: Path, title: str) -> PageSection:
+    """Section of a page with a picture from a file."""
+    shown = inline_png(picture.read_bytes(), title)
+    return PageSection(anchor=name, name=name, title=title, picture=shown)
+
+
+def settings_of(plan: Mapping[str, Map[Any]]) -> list[Any]:
+    """Every setting of some maps, once."""
+    return list(dict.fromkeys(one for which in plan.values() for one in which.settings()))

@@ -1,20 +1,28 @@
 """Breakdown curves of the trackers: one condition changed at a time, until markers are lost."""
 
 import itertools
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable
 from collections.abc import Sequence as Listed
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from ...by_name import Choice
 from ...errors import UserError
-from ...output.processes import one_thread
+from ...output.figure import WIDTH, legend_below, new_figure, plain_ticks, png
 from ...output.report import Report, Row, reported
 from ...render import Defects
+from ...tracking import DEFAULT_TRACKER
+from ..bench.track import choose
+from ..study import Asked, Study, study
 from ..worlds.track_scenes import Conditions, Sequence, sequence
 from ..worlds.track_scores import (
+    CONSTANT,
+    RIGHT,
     Followed,
     all_numbers,
     errors_of,
@@ -22,6 +30,8 @@ from ..worlds.track_scores import (
     right_share,
     swapped,
 )
+from .fields import SMALL, title_of
+from .panels import map_study
 
 #: Share of the markers that have to be right in every frame [%].
 HELD = 95.0
@@ -118,12 +128,12 @@ QUICK_VALUES = {"shift": (0.3, 0.6, 1.2), "noise": (2.0, 16.0)}
 
 
 class Setting(NamedTuple):
-    """Tracker, dial, its value, and the number of frames."""
+    """Dial, its value, the number of frames, and the trackers that follow them by name."""
 
-    tracker: str
     dial: str
     value: float
     frames: int
+    trackers: dict[str, Choice]
 
 
 @dataclass(frozen=True)
@@ -149,41 +159,43 @@ class Cell:
     swaps: int
     note: str
 
-    @property
-    def setting(self) -> Setting:
-        """Setting of this cell."""
-        return Setting(self.tracker, self.dial, self.value, self.frames)
 
+@study("stability", "track", method="tracker")
+def track_map(asked: Asked) -> Study[Setting, list[Cell]]:
+    """Trackers over one condition at a time, until markers are lost.
 
-def settings(trackers: Iterable[str], quick: bool) -> list[Setting]:
-    """Every point of the curves of some trackers."""
+    A quick map has a few values of two conditions, and fewer frames.
+    """
+    trackers, quick = choose(asked), asked.quick
     values = QUICK_VALUES if quick else {name: dial.values for name, dial in DIALS.items()}
-    return [
-        Setting(tracker, dial, value, QUICK_FRAMES if quick else FRAMES)
-        for dial in values
-        for value in values[dial]
-        for tracker in trackers
-    ]
+    return map_study(
+        "map",
+        [
+            Setting(dial, value, QUICK_FRAMES if quick else FRAMES, trackers)
+            for dial, of_dial in values.items()
+            for value in of_dial
+        ],
+        cells,
+        Cell,
+        report,
+        partial(draw_track, quick=quick),
+        words=lambda one: f"{one.dial} {one.value:g}",
+    )
 
 
-def cells(
-    wanted: Listed[Setting], trackers: Mapping[str, Choice], progress: Callable[[str], None]
-) -> Generator[Cell]:
-    """Run settings; those of one condition, one after the other, share their frames."""
-    with one_thread():
-        for (dial, value, count), group in itertools.groupby(wanted, lambda one: one[1:]):
-            frames = sequence(DIALS[dial].conditions(value), count, limits=False)
-            for setting in group:
-                progress(f"{dial} {value:g}: {setting.tracker}")
-                yield _cell(setting, trackers[setting.tracker], frames)
+def cells(setting: Setting) -> list[Cell]:
+    """What all trackers make of one condition."""
+    frames = sequence(DIALS[setting.dial].conditions(setting.value), setting.frames, limits=False)
+    return [_cell(name, each, setting, frames) for name, each in setting.trackers.items()]
 
 
-def _cell(setting: Setting, tracker: Choice, frames: Sequence) -> Cell:
+def _cell(name: str, tracker: Choice, setting: Setting, frames: Sequence) -> Cell:
+    found, note = (0.0, np.nan, 0), ""
     try:
-        followed = follow(tracker, frames)
+        found = _scores(follow(tracker, frames), frames)
     except UserError as error:
-        return Cell(*setting, 0.0, np.nan, 0, str(error))
-    return Cell(*setting, *_scores(followed, frames), "")
+        note = str(error)
+    return Cell(name, setting.dial, setting.value, setting.frames, *found, note)
 
 
 def _scores(followed: Followed, frames: Sequence) -> tuple[float, float, int]:
@@ -199,7 +211,7 @@ def _scores(followed: Followed, frames: Sequence) -> tuple[float, float, int]:
     return 100.0 * worst, rms, swaps
 
 
-def report(results: Listed[Cell], quick: bool) -> Report:
+def report(results: Listed[Cell]) -> Report:
     """Value of each dial at which each tracker breaks, and each loss of identity in a sentence."""
     rows = rows_of(results)
     notes = [
@@ -208,26 +220,82 @@ def report(results: Listed[Cell], quick: bool) -> Report:
         for row in rows
         if row.score == "identity_lost_at" and row.value is not None
     ]
-    return Report(rows=tuple(rows), notes=tuple(notes), quick=quick)
+    held = f"holds: {HELD:g} % of the markers are right in every frame. {CONSTANT}: {_CONSTANT}"
+    return Report(rows=tuple(rows), notes=(held, *notes))
+
+
+#: Meaning of the constant answer.
+_CONSTANT = "every marker stays at its place at rest, which is the answer that uses no picture."
 
 
 def rows_of(results: Listed[Cell]) -> list[Row]:
     """Two figures for each tracker and dial.
 
-    `breaks_at` is the last value up to which it holds, `identity_lost_at` the first with a swap.
+    `holds_up_to` is the last value up to which it holds, `identity_lost_at` the first with a swap.
     """
     rows = []
     for tracker, dial in dict.fromkeys((cell.tracker, cell.dial) for cell in results):
         curve = [cell for cell in results if (cell.tracker, cell.dial) == (tracker, dial)]
         unit, first, last = DIALS[dial].unit, curve[0].value, curve[-1].value
         held = [*itertools.takewhile(lambda cell: cell.right_percent >= HELD, curve)]
-        note = "" if held else f"not even at {first:g}"
-        if len(held) == len(curve):
-            note = "holds to the end"
+        note = f"fails at {curve[len(held)].value:g}" if 0 < len(held) < len(curve) else ""
+        if not held:
+            note = (
+                f"fails already at the easiest setting ({first:g}): "
+                f"{curve[0].right_percent:.0f} % right, {HELD:g} % needed"
+            )
+        elif len(held) == len(curve):
+            note = "holds at all values"
         value = held[-1].value if held else None
-        rows.append(reported((tracker, dial, "breaks_at"), value, unit, note))
+        rows.append(reported((tracker, dial, "holds_up_to"), value, unit, note))
         if dial in ("shift", "twist"):
             lost = next((cell.value for cell in curve if cell.swaps), None)
             note = f"never, up to {last:g}" if lost is None else ""
             rows.append(reported((tracker, dial, "identity_lost_at"), lost, unit, note))
     return rows
+
+
+#: Colours of the trackers' curves, used in turns.
+_COLOURS = (
+    *("#777777", "#d55e00", "#0072b2", "#009e73", "#e69f00"),
+    *("#6d1a86", "#222222", "#8c5a2b", "#cc79a7", "#56b4e9"),
+)
+#: Markers of the trackers' curves, used in turns.
+_MARKERS = "xo^svDP*<>"
+#: Line styles of the trackers' curves, used in turns.
+_DASHES = ["-", "-", "--", "-.", ":", "--", "-", "-.", ":", "--"]
+
+
+def draw_track(results: Listed[Cell], path: Path, quick: bool) -> None:
+    """Write the curves of all trackers: share of right markers, and error, over each dial."""
+    dials = list(dict.fromkeys(cell.dial for cell in results))
+    title = f"Share of markers within {RIGHT:g} px of their own place; error of those reported"
+    figure = new_figure(title_of(title, quick), WIDTH, 1.6 * len(dials) + 1.5)
+    panels = figure.subplots(len(dials), 2, squeeze=False)
+    for (right, error), dial in zip(panels, dials, strict=True):
+        _curves(right, error, [cell for cell in results if cell.dial == dial])
+    panels[0, 0].set_title("right, worst frame [%]", fontsize=9)
+    panels[0, 1].set_title("RMS error [px]", fontsize=9)
+    legend_below(figure, panels[0, 0].get_lines(), 4)
+    path.write_bytes(png(figure))
+
+
+def _curves(right: Axes, error: Axes, part: Listed[Cell]) -> None:
+    values = list(dict.fromkeys(cell.value for cell in part))
+    for axes in (right, error):
+        axes.set_prop_cycle(color=_COLOURS, marker=list(_MARKERS), linestyle=_DASHES)
+        axes.set_xticks(range(len(values)), [f"{value:g}" for value in values])
+        axes.tick_params(labelsize=SMALL)
+        axes.set_xlabel(DIALS[part[0].dial].label, fontsize=8)
+    for name in dict.fromkeys(cell.tracker for cell in part):
+        curve = [cell for cell in part if cell.tracker == name]
+        x = [values.index(cell.value) for cell in curve]
+        width, order = (2.6, 1.5) if name == DEFAULT_TRACKER else (1.1, 2.0)
+        shares, errors = [c.right_percent for c in curve], [c.rms_px for c in curve]
+        right.plot(x, shares, ms=4.5, mfc="none", lw=width, zorder=order, label=name)
+        error.plot(x, errors, ms=4.5, mfc="none", lw=width, zorder=order)
+    text = f"{HELD:g} %: identity is held above"
+    right.axhline(HELD, color="0.3", lw=0.9, ls=(0, (1, 3)), marker="", label=text)
+    right.set_ylim(-6.0, 106.0)
+    error.set_yscale("log")
+    plain_ticks(error.yaxis)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from ...folders import write_whole
 from ...output.figure import finish, new_figure, png
-from ..scored.intervals import share_interval
+from ..score.intervals import share_interval
 from .report import means, shown
 from .runs import Axis, Cell, Plan, words
 

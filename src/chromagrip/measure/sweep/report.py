@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterator, Sequence
 
 from ...output.report import Report, Row, Table, number, reported
-from ..pinches import scores as pinches
-from ..scored.intervals import intervals, share_interval
+from ..score.intervals import intervals, share_interval
+from ..worlds import pinch_scores as pinches
 from ..worlds import scorecard
 from .runs import SCORES, Cell, Plan, words
 
@@ -91,7 +91,7 @@ def _table(plan: Plan, cells: Sequence[Cell]) -> Table:
             )
         )
     heads = tuple(f"{score} [{unit}]" for score, unit in shown(cells).items())
-    return Table(header=(*names, "lost", *heads), lines=tuple(lines))
+    return Table(header=(*names, "lost", *heads), lines=tuple(lines), keys=max(len(names), 1))
 
 
 def _cell(found: tuple[float, float, float]) -> str:

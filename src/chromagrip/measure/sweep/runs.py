@@ -1,17 +1,15 @@
 """Runs of a sweep: what is varied, the scene of each run, and what came of it."""
 
-import hashlib
 import itertools
 import math
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
 from ...errors import UserError
 from ...loop.run import ANSWER_WITHIN_S, run
-from ...output.processes import map_processes
-from ...scene.scene import Scene, dump_scene, load_scene
-from ..pinches.scores import pinch_scores
+from ...scene.scene import Scene, load_scene
+from ..worlds.pinch_scores import pinch_scores
 from ..worlds.scorecard import scores
 
 #: Values that one key takes, or one name, such as `controller`.
@@ -54,14 +52,12 @@ class Task:
 
     Attributes
     ----------
-    key: digest of everything that decides the run but the code
     scene: with all changes
     name: of the scene
     setting: what is varied, in words
     answer_within_s: as of the plan
     """
 
-    key: str
     scene: Scene
     name: str
     setting: str
@@ -77,11 +73,10 @@ class Cell:
 
     Attributes
     ----------
-    key, scene, setting, seed: of the run
+    scene, setting, seed: of the run
     failed: why it did not come to its end; empty when it did
     """
 
-    key: str
     scene: str
     setting: str
     seed: int
@@ -104,7 +99,7 @@ class Cell:
 
 
 #: Names of the scores of a cell.
-SCORES = tuple(field.name for field in fields(Cell))[5:]
+SCORES = tuple(field.name for field in fields(Cell))[4:]
 
 
 def words(setting: Mapping[str, Any]) -> str:
@@ -124,7 +119,7 @@ def tasks(plan: Plan) -> list[Task]:
     count = len(settings) * len(plan.scenes) * plan.seeds
     if count > MOST_RUNS:
         raise UserError(f"a sweep of {count} runs is too long; at most {MOST_RUNS} are allowed")
-    made: dict[str, Task] = {}
+    made: list[Task] = []
     counts: set[int] = set()
     for setting in settings:
         for name in plan.scenes:
@@ -132,18 +127,17 @@ def tasks(plan: Plan) -> list[Task]:
             counts.add(first.fingers)
             for seed in range(first.seed, first.seed + plan.seeds):
                 scene = load_scene(name, {**plan.fixed, **setting, "seed": seed}, allow=plan.allow)
-                text = f"{plan.answer_within_s} {words(setting)}\n{dump_scene(scene)}"
-                key = hashlib.sha256(f"{name} {text}".encode()).hexdigest()[:16]
-                made[key] = Task(
-                    key=key,
-                    scene=scene,
-                    name=name,
-                    setting=words(setting),
-                    answer_within_s=plan.answer_within_s,
+                made.append(
+                    Task(
+                        scene=scene,
+                        name=name,
+                        setting=words(setting),
+                        answer_within_s=plan.answer_within_s,
+                    )
                 )
     if len(counts) > 1:
         raise UserError("scenes of one finger and of two have other scores; sweep them apart")
-    return list(made.values())
+    return made
 
 
 def cell(task: Task) -> Cell:
@@ -156,15 +150,9 @@ def cell(task: Task) -> Cell:
     except UserError as error:
         failed = str(error)
     return Cell(
-        key=task.key,
         scene=task.name,
         setting=task.setting,
         seed=task.scene.seed,
         failed=failed,
         **found,
     )
-
-
-def cells(waiting: Sequence[Task], workers: int) -> Generator[Cell]:
-    """Make runs in several processes, as they come."""
-    yield from map_processes(cell, waiting, workers)

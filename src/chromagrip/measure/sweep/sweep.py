@@ -1,15 +1,18 @@
 """Front door of a sweep: its runs, resumed where they were interrupted, and its files."""
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from pathlib import Path
 
-from ...output.cells import read_cells, resumed, unfinished_in, write_cells
+from ...output.cells import write_cells
+from ...output.page import PageSection
 from ...output.report import Report
+from ..engine import run_study
+from ..stability.panels import picture_section
+from ..study import Study
+from .picture import draw_sweep
 from .report import sweep_report
-from .runs import Cell, Plan, cells, tasks
+from .runs import Cell, Plan, cell, tasks
 
-#: Runs that are done, while others are not.
-UNFINISHED = "runs.unfinished.csv"
 #: All runs, and the map.
 RUNS, MAP = "runs.csv", "map.png"
 
@@ -19,7 +22,7 @@ def sweep(
     out: Path | None,
     overwrite: bool,
     workers: int,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> Report:
     """Make every run of a plan, once.
 
@@ -29,29 +32,28 @@ def sweep(
     Parameters
     ----------
     plan: what is varied
-    out: folder for `runs.csv` and `map.png`; None writes nothing
+    out: folder for `runs.csv`, `map.png`, results.json and index.html; None writes nothing
     overwrite: write over a finished sweep
     workers: processes; one runs in this one
-    progress: called with the numbers of runs that are done and wanted
+    progress: called with the run that was made last, and how many are done
 
     Raises
     ------
     UserError
         For a scene, a key or a folder that cannot be used.
     """
-    wanted = {task.key: task for task in tasks(plan)}
+    study = Study(
+        settings=tasks(plan),
+        measure=cell,
+        result=Cell,
+        report=lambda results: sweep_report(plan, [one for _, one in results]),
+        words=lambda task: f"{task.name} {task.setting}".strip(),
+        show=lambda results, to: _show(plan, [one for _, one in results], to),
+    )
+    return run_study("sweep", study, out, overwrite, workers, progress)
 
-    def run(waiting: list[str]) -> Generator[Cell]:
-        yield from cells([wanted[key] for key in waiting], workers)
 
-    with unfinished_in(out, UNFINISHED, overwrite) as unfinished:
-        done = read_cells(unfinished, Cell)
-        found = resumed(unfinished, done, lambda one: one.key, list(wanted), run, progress)
-        made = list(found.values())
-        if out is not None and unfinished is not None:
-            from .picture import draw_sweep  # matplotlib
-
-            draw_sweep(plan, made, out / MAP)
-            write_cells(made, out / RUNS)
-            unfinished.unlink(missing_ok=True)
-    return sweep_report(plan, made)
+def _show(plan: Plan, cells: list[Cell], out: Path) -> list[PageSection]:
+    write_cells(cells, out / RUNS)
+    draw_sweep(plan, cells, out / MAP)
+    return [picture_section("map", out / MAP, "Scores over what is varied")]

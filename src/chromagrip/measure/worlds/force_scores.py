@@ -89,8 +89,8 @@ def truth(scene: ForceScene) -> Array:
     return np.array([field.total_normal, field.total_friction, scene.friction, scene.margin])
 
 
-def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[str, str], Answers]:
-    """Estimates of a scene, each of shape (1, …), by name and the key of READ.
+def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[str, dict[str, Answers]]:
+    """Estimates of a scene, each of shape (1, …), by the key of READ and by name.
 
     The observer's estimates have the reconstructor's name. `reading_name` are those with another
     reading of friction off the field of a single frame, flagged where it gives no µ.
@@ -104,16 +104,16 @@ def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[s
     if scene.refused:
         return refused(name)
     fresh = ForceObserver(scene.known, scene.rest, reconstructor, HELD_FRAMES * PERIOD)
-    result = {}
+    result: dict[str, dict[str, Answers]] = {read: {} for read in READ}
     for read, frames in READ.items():
         observer = deepcopy(fresh)
         for tracks in scene.tracks[-frames:]:
             observation = observer.observe(tracks.time, tracks)
-        result[name, read] = answer_of(observation)
+        result[read][name] = answer_of(observation)
         if frames == 1:
             for method, reading in FRICTION.items():
                 field = observation.field
-                result[reading_name(name, method), read] = _read(field, reading(field))
+                result[read][reading_name(name, method)] = _read(field, reading(field))
     return result
 
 
@@ -127,13 +127,14 @@ def answer_of(observation: GripObservation) -> Answers:
     )
 
 
-def refused(name: str) -> dict[tuple[str, str], Answers]:
+def refused(name: str) -> dict[str, dict[str, Answers]]:
     """Answers of a reconstructor, or of its tracker, that refuses the frames, as of `answers`."""
     nothing = Answers(
         value=_NOTHING[None], interval=np.full((1, 4, 2), np.nan), flagged=np.array([True])
     )
-    result = {(name, read): nothing for read in READ}
-    return result | {(reading_name(name, method), "single"): nothing for method in FRICTION}
+    result = {read: {name: nothing} for read in READ}
+    result["single"] |= {reading_name(name, method): nothing for method in FRICTION}
+    return result
 
 
 def reading_name(reconstructor: str, method: str) -> str:

@@ -8,7 +8,7 @@ controller goes on.
 In the world `matched` the sensor is as its calibration says. In the world `mismatched` its
 stiffnesses, its camera and its layers differ, its chain has twice the nodes, and another renderer
 draws it. Shape, k_c and µ of the object are unknown to every estimator in both worlds. A third
-world is in `measure.beyond`.
+world is in `worlds.beyond`.
 """
 
 import dataclasses

@@ -11,8 +11,8 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from chromagrip.errors import UserError
-from chromagrip.measure.domes.readings import read as read_scene
-from chromagrip.measure.domes.scenes import scene
+from chromagrip.measure.worlds.dome.readings import read as read_scene
+from chromagrip.measure.worlds.dome.scenes import scene
 from chromagrip.model import DomeState, ForceField, Motion, Solid, dome_forces, simulate_contact
 from chromagrip.model.dome import Stepper, lattice, resting
 from chromagrip.model.shapes import ball, cylinder, plane

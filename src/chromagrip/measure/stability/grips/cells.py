@@ -38,7 +38,8 @@ HELD = 1.0
 SCENES: dict[str, str] = {"dome": "chromatouch-2022", "pinch": "pinch-lift"}
 #: Share of the load at which the scene of one dome rests on its way to the whole.
 FIRST_SHARE = 0.6
-#: Gains of Safety Margin for one finger at a camera's rate. Those of `pinch-lift` are others.
+#: Gains of Safety Margin with one dome, whose scene has another controller: those of
+#: `camera-100hz`. A pinch has those of its scene.
 GAINS = {"proportional_n": 0.25, "integral_n_per_s": 30.0, "floor_n": 0.1}
 #: Time of a scene [s]: one second after the last change, or more.
 DURATION_S = 3.0
@@ -46,7 +47,7 @@ DURATION_S = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """Setting of a grip on the truth path; the defaults are those of the scenes, but for GAINS.
+    """Setting of a grip on the truth path; the defaults are those of the scenes.
 
     Attributes
     ----------
@@ -80,11 +81,13 @@ class Setting:
             "fingertip.step_ms": min(5.0, 1e3 / self.rate_hz),
             "object.friction": self.friction,
             "truth.margin_noise": self.margin_noise,
-            **{f"safety_margin.{name}": value for name, value in GAINS.items()},
         }
         first = FIRST_SHARE * self.load_n
         own: dict[str, dict[str, object]] = {
-            "dome": {"load.forces_n": [0.0, first, first, self.load_n]},
+            "dome": {
+                "load.forces_n": [0.0, first, first, self.load_n],
+                **{f"safety_margin.{name}": value for name, value in GAINS.items()},
+            },
             "pinch": {
                 "pinch.mass_g": self.mass_g,
                 "pinch.centre_mm": [0.0, self.offset_mm, 0.0],

@@ -58,29 +58,37 @@ Panel = panels.Panel[Setting]
 Map = panels.Map[Setting]
 
 
-def maps(world: World, quick: bool) -> dict[str, Map]:
-    """Every map of a world by name; a quick one has a few cells of each."""
-    return {"dome": _dome_maps, "pinch": _pinch_maps}[world](quick)
+def maps(world: World, quick: bool, own: Sequence[str] = ()) -> dict[str, Map]:
+    """Every map of a world by name; a quick one has a few cells of each.
+
+    Parameters
+    ----------
+    own: further controllers, which all maps show beside ours
+    """
+    return {"dome": _dome_maps, "pinch": _pinch_maps}[world](quick, own)
 
 
-def _dome_maps(quick: bool) -> dict[str, Map]:
-    # Margin Inversion has no memory that could swing.
-    bases = [Setting(world="dome", controller="safety-margin", load_n=load) for load in _LOADS]
-    titles = [f"safety-margin, {base.load_n:g} N" for base in bases]
+def _dome_maps(quick: bool, own: Sequence[str]) -> dict[str, Map]:
+    bases = [
+        Setting(world="dome", controller=name, load_n=load)
+        for name in (*_FOLLOWING, *own)
+        for load in (_LOADS[:1] if quick else _LOADS)
+    ]
+    titles = [f"{base.controller}, {base.load_n:g} N" for base in bases]
     return {"rate-latency": _rates(quick, "one dome and a load", titles, bases)}
 
 
-def _pinch_maps(quick: bool) -> dict[str, Map]:
+def _pinch_maps(quick: bool, own: Sequence[str]) -> dict[str, Map]:
     bases = [
         Setting(world="pinch", controller=name, mass_g=mass)
-        for mass in _LIFTED
-        for name in _FOLLOWING
+        for mass in (_LIFTED[:1] if quick else _LIFTED)
+        for name in (*_FOLLOWING, *own)
     ]
     titles = [f"{base.controller}, {base.mass_g:g} g" for base in bases]
     return {
         "rate-latency": _rates(quick, "two fingers that lift an object", titles, bases),
-        "mass-friction": _masses(quick),
-        "offset-mass": _offsets(quick),
+        "mass-friction": _masses(quick, own),
+        "offset-mass": _offsets(quick, own),
     }
 
 
@@ -101,7 +109,7 @@ def _rates(quick: bool, what: str, titles: Sequence[str], bases: Sequence[Settin
         x_label="frames per second",
         y_label="latency [frames]",
         columns=_COLUMNS,
-        panels=tuple(fields[:2] if quick else fields),
+        panels=tuple(fields),
         lines=_rate_lines,
     )
 
@@ -121,7 +129,7 @@ def _controllers(
     return tuple(fields)
 
 
-def _masses(quick: bool) -> Map:
+def _masses(quick: bool, own: Sequence[str]) -> Map:
     return Map(
         title="Mass and friction of the object that two fingers lift",
         x="mass_g",
@@ -129,14 +137,14 @@ def _masses(quick: bool) -> Map:
         x_label="mass [g]",
         y_label="µ",
         columns=_COLUMNS,
-        panels=_controllers(_FOLLOWING, _few(_MASSES, quick), _few(_MU, quick)),
+        panels=_controllers((*_FOLLOWING, *own), _few(_MASSES, quick), _few(_MU, quick)),
         lines=_mass_lines,
         number=("grip_n", "grip at the end [N]"),
     )
 
 
-def _offsets(quick: bool) -> Map:
-    names = (*_FOLLOWING, "conservative")
+def _offsets(quick: bool, own: Sequence[str]) -> Map:
+    names = (*_FOLLOWING, "conservative", *own)
     return Map(
         title="Centre of mass beside the fingers, and mass",
         x="offset_mm",

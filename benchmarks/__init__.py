@@ -1,0 +1,1 @@
+"""Benchmarks of this project itself: `./run bench NAME`. They are no part of the package."""

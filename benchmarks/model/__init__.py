@@ -1,0 +1,1 @@
+"""The node models, the dome and the pinch: speed, accuracy, and where their steps fail."""

@@ -1,0 +1,1 @@
+"""The renderers: speed, accuracy, and likeness to real sensors."""
