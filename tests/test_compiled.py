@@ -265,29 +265,34 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Package:
     return Package(tmp_path_factory.mktemp("package"))
 
 
+#: Further ways in which a kernel reaches a value.
+S = pytest.mark.slow
+
+
 @pytest.mark.parametrize(
     ("old", "new", "changed"),
     [
         pytest.param("return by * x", "return by + by * x", {"a": 7.0, "b": 6.0}, id="file"),
-        pytest.param("by=2.0", "by=3.0", {"a": 7.0, "b": 6.0}, id="default"),
+        pytest.param("by=2.0", "by=3.0", {"a": 7.0, "b": 6.0}, id="default", marks=S),
         pytest.param("b(x) + 1.0", "b(x) - 1.0", {"a": 3.0}, id="caller"),
-        pytest.param("SHARE = 3.0", "SHARE = 3.5", {"c": 7.0}, id="number"),
+        pytest.param("SHARE = 3.0", "SHARE = 3.5", {"c": 7.0}, id="number", marks=S),
         pytest.param("[2.0, 5.0]", "[2.0, 6.0]", {"by_array": 10.0}, id="array"),
-        pytest.param("Pair(1.0, 2.0),", "Pair(1.0, 3.0),", {"by_array": 11.0}, id="tuple"),
+        pytest.param("Pair(1.0, 2.0),", "Pair(1.0, 3.0),", {"by_array": 11.0}, id="tuple", marks=S),
         pytest.param(
-            "x / 4.0", "x / 8.0", {"d": 0.25, "by_module": 0.25, "by_closure": 100.25}, id="module"
+            "x / 4.0", "x / 8.0", {"d": 0.25, "by_module": 0.25, "by_closure": 100.25},
+            id="module", marks=S,
         ),
         pytest.param("100.0", "200.0", {"by_closure": 200.5}, id="closure"),
-        pytest.param("x - 5.0", "x - 6.0", {"early": -4.0, "late": -4.0}, id="below"),
-        pytest.param("x + 7.0", "x + 8.0", {"size": 10.0, "later": 10.0}, id="importing"),
+        pytest.param("x - 5.0", "x - 6.0", {"early": -4.0, "late": -4.0}, id="below", marks=S),
+        pytest.param("x + 7.0", "x + 8.0", {"size": 10.0, "later": 10.0}, id="importing", marks=S),
         pytest.param(
             "arguments[0], arguments[0])", "arguments[0], arguments[0].type(1.0))",
-            {"by_intrinsic": 3.0}, id="intrinsic",
+            {"by_intrinsic": 3.0}, id="intrinsic", marks=S,
         ),
-        pytest.param("builder.fadd", "builder.fsub", {"by_intrinsic": 0.0}, id="helper"),
+        pytest.param("builder.fadd", "builder.fsub", {"by_intrinsic": 0.0}, id="helper", marks=S),
         pytest.param(
             "first: float\n    second: float", "second: float\n    first: float",
-            {"by_array": 7.0, "by_fields": -12.0}, id="fields",
+            {"by_array": 7.0, "by_fields": -12.0}, id="fields", marks=S,
         ),
     ],
 )  # fmt: skip

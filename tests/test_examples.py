@@ -20,6 +20,7 @@ MARKED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", MARKED)
 def test_example(
     path: Path,

@@ -170,6 +170,7 @@ def furthest(
     return float(np.linalg.norm(found.project(rays) - true.project(rays), axis=-1).max())
 
 
+@pytest.mark.slow
 def test_a_fisheye_is_found_again(
     fisheye_images: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

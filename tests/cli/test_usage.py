@@ -73,7 +73,11 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ),
         ("grasp --latency 1.5", "--latency '1.5': expected a whole number"),
         ("grasp --arg gain --json", "--arg gain: expected name=value"),
-        ("limit --grip 300", "markers do not determine forces at this grip and load"),
+        pytest.param(
+            "limit --grip 300",
+            "markers do not determine forces at this grip and load",
+            marks=pytest.mark.slow,
+        ),
         ("live pinch-lift", "the live page shows one finger; this scene is a pinch of two"),
         (
             "grasp --scene pinch-lift --source camera:0 --json",

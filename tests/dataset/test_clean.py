@@ -113,6 +113,7 @@ def test_worn_cameras_and_readings_are_the_same(recipe: Recipe, tmp_path: Path) 
     assert check(tmp_path / "clean") == recipe.sequences
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["coco", "tapvid", "webdataset", "lerobot"])
 def test_exports_have_the_same_bytes(
     both: tuple[Path, Path], layout: str, tmp_path: Path, bytes_of: Digests

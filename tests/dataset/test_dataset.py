@@ -106,6 +106,7 @@ def test_what_a_killed_run_left_half_written_is_removed(
     assert bytes_of(folder) == bytes_of(tiny)
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_to_the_same_bytes(
     tiny: Path, tmp_path: Path, bytes_of: Digests
 ) -> None:
@@ -416,6 +417,7 @@ def test_every_shipped_recipe_gives_scenes() -> None:
             assert scene.path == "truth"
 
 
+@pytest.mark.slow
 def test_what_is_asked_for_beside_is_kept(tmp_path: Path) -> None:
     """Optical flow where a marker rests is the motion of its label."""
     recipe = replace(TINY, sequences=1, truth=("flow", "depth", "masks"))

@@ -119,6 +119,7 @@ def test_an_address_that_does_not_answer_is_said(tmp_path: Path) -> None:
     assert not np.any([path.name == "x" for path in tmp_path.iterdir()])
 
 
+@pytest.mark.slow
 def test_many_readers_at_once_get_the_whole_dataset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

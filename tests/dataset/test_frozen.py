@@ -178,6 +178,7 @@ def test_a_benchmark_of_an_earlier_version_is_known_and_not_made(
     assert not (tmp_path / "old").exists()
 
 
+@pytest.mark.slow
 def test_the_commands_tell_the_digest(two: Path, tmp_path: Path, typed: Typed) -> None:
     words = ["dataset", "make", "benchmark-v2", "--n", "1", "--out", tmp_path / "one", "--json"]
     made = json.loads(typed(*words).stdout)
@@ -186,6 +187,7 @@ def test_the_commands_tell_the_digest(two: Path, tmp_path: Path, typed: Typed) -
     assert made["frozen"] == "benchmark-v2"
 
 
+@pytest.mark.slow
 def test_a_tracker_is_run_on_the_benchmark_and_has_intervals(two: Path, typed: Typed) -> None:
     done = typed("score", "lk", two, "--json")
     assert done.returncode == 0, done.stderr

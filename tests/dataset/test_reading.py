@@ -101,6 +101,7 @@ def test_a_sensor_that_nothing_reads_says_why(tmp_path: Path) -> None:
     assert not frames[f"{READ}mu_observable"].any()
 
 
+@pytest.mark.slow
 def test_a_reading_changes_no_label_and_no_picture(tmp_path: Path) -> None:
     tiny = replace(load_recipe("tiny"), sequences=1)
     make(tiny, tmp_path / "plain")
@@ -137,8 +138,14 @@ def _spoilt(folder: Path, target: Path, **columns: Any) -> Path:
     ("columns", "said"),
     [
         ({"reading_force_x_low_n": 9.0}, "frame 4: reading_force_x_low_n is 9,"),
-        ({"reading_mu_high": 0.0}, "frame 4: reading_mu_high is 0,"),
-        ({"reading_no_estimate": "dark"}, "frame 4: reading_no_estimate is dark,"),
+        pytest.param(
+            {"reading_mu_high": 0.0}, "frame 4: reading_mu_high is 0,", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            {"reading_no_estimate": "dark"},
+            "frame 4: reading_no_estimate is dark,",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_reading_that_cannot_be_is_named(

@@ -217,6 +217,7 @@ def test_a_restored_environment_goes_on_with_the_same_bytes(observation: str) ->
     env.close()
 
 
+@pytest.mark.slow
 def test_worker_processes_give_the_same_bytes() -> None:
     changes = COARSE | NOISY | {"duration_s": 0.2}
     makers = [

@@ -61,6 +61,7 @@ def test_a_run_is_repeated_and_agrees(viser_server: Any, dome_run: Path, until: 
         assert page.board.strips._rows[-1]["margin_estimated"] == of["margin_estimated"][-1]
 
 
+@pytest.mark.slow
 def test_time_goes_where_it_is_put(viser_server: Any, dome_run: Path, until: Until) -> None:
     with shown(viser_server, dome_run) as page:
         played(page, until)
@@ -82,6 +83,7 @@ def test_time_goes_where_it_is_put(viser_server: Any, dome_run: Path, until: Unt
         assert page.now == stands
 
 
+@pytest.mark.slow
 def test_what_differs_from_the_record_is_said(
     viser_server: Any, dome_run: Path, tmp_path: Path, until: Until
 ) -> None:

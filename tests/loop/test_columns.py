@@ -48,6 +48,7 @@ def pinch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_pinch_has_deviations_and_the_interval_of_the_margin_with_torsion(pinch: Path) -> None:
     table = pq.read_table(pinch / "trace.parquet")
     assert set(LATER) <= set(table.column_names)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from chromagrip import UserError, load_scene
-from chromagrip.loop.fidelity import TABLE, Fidelity, Measured, choose, read
+from chromagrip.loop.fidelity import TABLE, Fidelity, Measured, choose, expected, read
 from chromagrip.loop.run import run
 from chromagrip.output.cells import write_cells
 
@@ -151,3 +151,15 @@ def test_a_chain_stands_in_for_a_dome_where_the_scene_is_plane() -> None:
     box = {"object.shape": "box", "object.size_mm": [10.0, 10.0, 10.0]}
     with pytest.raises(UserError, match=r"object.shape = box was not measured"):
         choose(0.05, load_scene("margin-60hz", dome | box), DOMES)
+
+
+def test_built_domes_and_pinches_are_planned_for_and_others_are_named() -> None:
+    for name in ("chromatouch-2020", "chromatouch-2022", "pinch-lift"):
+        scene = load_scene(name)
+        choices = expected(scene, read(TABLE))
+        assert {one.fidelity.reconstructor for one in choices} == {"contact"}
+        assert [one.milliseconds for one in choices] == sorted(one.milliseconds for one in choices)
+        assert load_scene(name, choices[0].changes(scene)).body == "dome"
+        assert expected(load_scene(name, {"path": "truth"}), read(TABLE))
+    with pytest.raises(UserError, match="planned for thesis, dome-2020, dome-2022"):
+        expected(load_scene("chromatouch-2022", {"sensor": "chromatouch-next"}), read(TABLE))

@@ -225,6 +225,7 @@ def test_raw_pictures_lose_nothing(pinch: Path) -> None:
     assert first.shape == (720, 1280, 3)
 
 
+@pytest.mark.slow
 def test_pictures_of_the_video_have_the_instants_of_their_frames(tmp_path: Path) -> None:
     """Of a camera whose rate is none of the video's, with raw pictures to compare with."""
     changes = {**QUICK, "camera.rate_hz": 60.0, "camera.dropped": 0.3}

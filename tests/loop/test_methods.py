@@ -60,6 +60,7 @@ def plugin(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "plugin", module)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "controller", [Scaled(gain=4.0), Callable(gain=4.0), partial(Scaled, gain=4.0)]
 )

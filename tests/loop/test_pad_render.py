@@ -14,6 +14,8 @@ from chromagrip.loop.poses.folder import render_poses
 from chromagrip.model.dome import lattice
 from chromagrip.render import DomeMap, load_sensor, rest_membrane
 
+pytestmark = pytest.mark.slow
+
 FLAT = load_sensor("flat-2019")
 BOX = {
     "sensor": "flat-2019", "body": "dome", "path": "truth", "camera.noise_levels": 0.0,

@@ -209,6 +209,7 @@ def pictures(path: Path) -> list[np.ndarray]:
         return [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
 
 
+@pytest.mark.slow
 def test_a_run_has_a_picture_of_each_instant_of_the_video(tmp_path: Path) -> None:
     run(scene(duration_s=0.2), tmp_path / "slow")
     shown = pictures(tmp_path / "slow" / "tactile.mp4")

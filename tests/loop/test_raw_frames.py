@@ -71,6 +71,7 @@ def test_the_truth_path_has_pictures_too_and_a_run_without_them_none(tmp_path: P
         run(scene, frames="png")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("light", [{"camera.exposure_ms": 15.0}, {"defects.motion_blur": 0.5}])
 @pytest.mark.parametrize("name", ["camera-100hz", "pinch-lift"])
 def test_a_run_keeps_the_pictures_that_a_rig_gives(

@@ -1,8 +1,11 @@
 """The figures of the environments are measured; how fast is not asked here."""
 
+import pytest
+
 from benchmarks.environments import environment_rows
 
 
+@pytest.mark.slow
 def test_every_observation_has_a_figure() -> None:
     rows = list(environment_rows(duration_s=0.05, turns=1))
     names = [

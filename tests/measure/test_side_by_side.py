@@ -10,6 +10,8 @@ from benchmarks.model.side_by_side import Press, Side, side_by_side, side_rows, 
 from benchmarks.model.side_by_side_figure import draw_side_by_side
 from chromagrip.output.figure import png
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def sides() -> list[Side]:

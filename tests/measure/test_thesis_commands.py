@@ -12,6 +12,7 @@ from chromagrip.model import ContactObject, Fingertip
 from chromagrip.output.report import values
 
 
+@pytest.mark.slow
 def test_appendix_b_leaves_a_page_with_every_figure(tmp_path: Path) -> None:
     out, plan = tmp_path / "b", Plan(quick=True, camera=None)
     report, sections = reproduce(["appendix-b"], plan, out, False, 1, lambda _: None)

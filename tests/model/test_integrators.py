@@ -83,6 +83,7 @@ def test_every_spring_law_is_the_same_in_both_codes(law: str) -> None:
     assert end(found) == pytest.approx(end(fine), abs=2e-3 * abs(end(fine)).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "order", "steps", "speed"),
     [
@@ -145,6 +146,7 @@ def test_a_diverging_run_says_at_which_step_and_what_was_predicted() -> None:
     assert 10 < caught.value.step < 5000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["euler", "rk4"])
 def test_below_the_predicted_limit_explicit_runs_stay_bounded(method: str) -> None:
     limit = explicit_limit(SMALL, ROUND, rest_state(SMALL), method)

@@ -179,6 +179,7 @@ def test_half_a_dome_and_another_sensor_are_refused(rest: Image) -> None:
     assert "Is it another sensor" in refusal(rested("dome-2020"))
 
 
+@pytest.mark.slow
 def test_a_large_picture_is_read_at_the_scale_of_its_markers(tmp_path: Path) -> None:
     """Places, sizes and distances are those of the picture as it is."""
     design = load_sensor("flat-2019")

@@ -426,6 +426,7 @@ def test_what_does_not_fit_is_refused_with_the_reason(
 HEADER = "file,normal_n,lateral_n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lines", "words"),
     [

@@ -460,6 +460,7 @@ def test_memory_does_not_wait_for_the_end(
     assert pq.ParquetFile(tmp_path / "out" / "tracks.parquet").num_row_groups == 3
 
 
+@pytest.mark.slow
 def test_auto_finds_the_frame_at_rest(
     nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -536,6 +537,7 @@ def test_noise_is_estimated(sigma: float) -> None:
     assert noise_level(frames[:1], False)[0] == pytest.approx(sigma, rel=0.1, abs=0.15)
 
 
+@pytest.mark.slow
 def test_compressed_pictures_are_tracked_with_the_errors_of_compression(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

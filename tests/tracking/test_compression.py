@@ -118,6 +118,7 @@ def test_compression_grows_with_the_rate_factor() -> None:
     assert level("444") > 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["raw", "crf 12", "jpeg 90"])
 def test_covariance_covers_the_errors(name: str) -> None:
     """Errors of markers that moved are about as large as is stated.

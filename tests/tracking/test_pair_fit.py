@@ -198,6 +198,7 @@ def test_sizes_are_right_wherever_the_other_layer_lies(pictures: str) -> None:
         assert abs(np.median(error[:, of], axis=1)).max() < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart_by", [2.05, 1.6])
 def test_sizes_are_right_where_pairs_touch(apart_by: float) -> None:
     """Brute force again: edges of neighbours face each other, and what they absorb adds up.

@@ -135,8 +135,10 @@ class Expected:
 
     def changes(self, scene: Scene) -> Values:
         """Changes of a scene, dotted key → value."""
-        body = {"body": self.fidelity.body} if self.fidelity.body != scene.body else {}
-        return body | self.fidelity.changes
+        changes = {"body": self.fidelity.body} | self.fidelity.changes
+        if changes["body"] == scene.body:
+            del changes["body"]
+        return changes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,7 +201,7 @@ def expected(scene: Scene, measured: Sequence[Measured]) -> list[Expected]:
         raise UserError(
             f"sensor {scene.sensor} was not measured; a fidelity is planned for {', '.join(known)}"
         )
-    if scene.path == "camera" and scene.defects != Defects():
+    if scene.path == "camera" and scene.sensor == "thesis" and scene.defects != Defects():
         raise UserError("a fidelity is planned for an image without [defects]; set no defects")
     obj = scene.object
     if scene.fingers == 1 and (obj.mesh or obj.shape != "ball"):

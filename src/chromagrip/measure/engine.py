@@ -24,12 +24,15 @@ from ..output.cells import unfinished_in
 from ..output.page import PageSection, write_page
 from ..output.processes import map_processes
 from ..output.report import Report
+from ..strange_files import read_small
 from .study import ALL, Asked, Study, find_study
 
 #: Results of a study that is not complete, and the figures of one that is.
 UNFINISHED, FIGURES = "unfinished.jsonl", "results.json"
 #: Processes by default.
 CORES = os.cpu_count() or 1
+#: Largest unfinished file that is read [bytes].
+_MOST_BYTES = 1 << 29
 #: Keeps a result: called with its setting and itself.
 Keep = Callable[[Any, Any], None]
 
@@ -184,8 +187,8 @@ def _read(path: Path | None, name: str, kind: Any) -> Iterator[tuple[str, Any]]:
     if path is None or not path.exists():
         return
     try:
-        *lines, _ = path.read_text(encoding="utf-8").split("\n")
-    except (OSError, UnicodeDecodeError):
+        *lines, _ = read_small(path, _MOST_BYTES).decode("utf-8").split("\n")
+    except UnicodeDecodeError:
         raise UserError(f"{path} cannot be read as a study; remove it to begin again") from None
     for number, line in enumerate(lines, 1):
         try:

@@ -26,7 +26,7 @@ def turned(pixels: np.ndarray, sensor: SensorDesign, roll: float, scale: float) 
     [
         (1.0, 0.0, (0.0, 0.0), (1.0, 1.0)),
         pytest.param(1.3, 0.0, (-90.3, 12.7), (0.8, 1.1), marks=pytest.mark.slow),
-        (2.2, 0.02, (250.0, 140.0), (1.5, 1.5)),
+        pytest.param(2.2, 0.02, (250.0, 140.0), (1.5, 1.5), marks=pytest.mark.slow),
         (0.7, -0.02, (-60.0, -20.0), (0.8, 0.8)),
     ],
 )

@@ -158,6 +158,7 @@ def test_friction_of_balls_in_partial_slip() -> None:
         assert slip.deviation < 0.1
 
 
+@pytest.mark.slow
 def test_a_scene_that_is_turned_turns_the_forces() -> None:
     solid, azimuth, turn = Solid(shape=plane(), friction=0.5), 0.3, 2.0 * math.pi / 3.0
     fields = [read(grasped(solid, azimuth + by, 0.3).linear, 3) for by in (0.0, turn)]
@@ -218,6 +219,7 @@ def test_the_object_presses_and_friction_is_across_its_normals() -> None:
     assert np.linalg.norm(field.directions[field.contact], axis=1) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_errors_and_the_zone_are_settings() -> None:
     state = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)
 
@@ -267,6 +269,7 @@ def test_a_few_markers_that_are_elsewhere_hardly_matter() -> None:
     assert odd.net_friction == pytest.approx(field.net_friction, abs=0.02)
 
 
+@pytest.mark.slow
 def test_markers_that_no_tractions_move_are_refused() -> None:
     reading, drawn = reader()
     tracks = drawn(NOTHING)
@@ -337,6 +340,7 @@ def test_silicone_that_is_known_adds_nothing() -> None:
     assert margin_of(plain) == margin_of(known)
 
 
+@pytest.mark.slow
 def test_an_unsure_modulus_widens_all_forces_by_its_share_and_not_the_margin() -> None:
     state = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)
     plain, known = read_as(calibrated({}), state), read_as(calibrated({"young_kpa": 12.0}), state)
