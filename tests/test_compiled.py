@@ -93,6 +93,7 @@ def test_nothing_that_can_be_written_is_said(run: Run, tmp_path: Path) -> None:
         assert "set NUMBA_CACHE_DIR to a folder that can be written" in sentence
 
 
+@pytest.mark.slow
 def test_what_nobody_used_for_a_week_is_removed(run: Run, tmp_path: Path) -> None:
     run()
     home, now, day = tmp_path / "code/__pycache__/kernels", time.time(), 86400.0
@@ -302,6 +303,7 @@ def test_a_change_compiles_what_reaches_it(
     assert package.run(old, new) == (RESULTS | changed, sorted(changed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new"),
     [

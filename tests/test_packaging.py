@@ -110,6 +110,7 @@ def test_a_wheel_is_whole_from_a_clone_without_links(unlinked: Path, tmp_path: P
     assert held(build(unlinked, tmp_path / "one")) == held(build(linked, tmp_path / "two"))
 
 
+@pytest.mark.slow
 def test_a_wheel_from_the_source_distribution_is_the_same(wheel: Path, tmp_path: Path) -> None:
     with tarfile.open(build(ROOT, tmp_path, "sdist")) as packed:
         packed.extractall(tmp_path, filter="data")

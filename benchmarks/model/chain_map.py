@@ -69,7 +69,7 @@ EXPLICIT: tuple[Method, ...] = ("euler", "rk4")
 ADAPTIVE: tuple[Method, ...] = ("rk45", "lsoda", "bdf")
 
 
-class Setting(NamedTuple):
+class ChainSetting(NamedTuple):
     """Method, nodes, contact stiffness [N/m] and step [s] of a run."""
 
     method: Method
@@ -79,7 +79,7 @@ class Setting(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Cell:
+class ChainCell:
     """One run of a map; NaN where there is nothing to measure.
 
     Attributes
@@ -143,15 +143,15 @@ def limit(method: Method, nodes: int, stiffness: float) -> float:
     return explicit_limit(tip, obj, rest_state(tip), method if method in EXPLICIT else "euler")
 
 
-class Group(NamedTuple):
+class ChainGroup(NamedTuple):
     """Settings of one chain and stiffness, which share fine runs, and the budget."""
 
-    settings: tuple[Setting, ...]
+    settings: tuple[ChainSetting, ...]
     budget: int
 
 
 @study("project", "stability-model")
-def chain_map(asked: Asked) -> Study[Group, list[Cell]]:
+def chain_map(asked: Asked) -> Study[ChainGroup, list[ChainCell]]:
     """Integrators of the chain over step, contact stiffness and node count.
 
     One grasp (press to 1 N, pull to half of what friction holds, hold) is compared with the same
@@ -161,19 +161,19 @@ def chain_map(asked: Asked) -> Study[Group, list[Cell]]:
     alike = itertools.groupby(settings(plan), lambda one: one[1:3])
     return map_study(
         "map",
-        [Group(tuple(some), plan.budget) for _, some in alike],
+        [ChainGroup(tuple(some), plan.budget) for _, some in alike],
         cells,
-        Cell,
+        ChainCell,
         report,
         partial(draw_model, quick=asked.quick),
         words=lambda group: "{} nodes, {:g} N/m".format(*group.settings[0][1:3]),
     )
 
 
-def settings(plan: Grid) -> list[Setting]:
+def settings(plan: Grid) -> list[ChainSetting]:
     """Every setting of a map."""
     return [
-        Setting(
+        ChainSetting(
             method,
             nodes,
             stiffness,
@@ -185,7 +185,7 @@ def settings(plan: Grid) -> list[Setting]:
     ]
 
 
-def cells(group: Group) -> list[Cell]:
+def cells(group: ChainGroup) -> list[ChainCell]:
     """Run settings of one chain and stiffness."""
     _, nodes, stiffness, _ = group.settings[0]
     tip, obj = Fingertip(nodes=nodes), ContactObject(stiffness=stiffness)
@@ -225,12 +225,16 @@ def _run(tip: Fingertip, obj: ContactObject, method: Method, dt: float, duration
     )
 
 
-def _cell(tip: Fingertip, obj: ContactObject, setting: Setting, truth: Array, budget: int) -> Cell:
+def _cell(
+    tip: Fingertip, obj: ContactObject, setting: ChainSetting, truth: Array, budget: int
+) -> ChainCell:
     method, _, _, dt = setting
     stable = limit(*setting[:3])
 
-    def cell(outcome: str, error: float = np.nan, swing: float = np.nan, note: str = "") -> Cell:
-        return Cell(*setting, outcome, error, swing, stable, note)
+    def cell(
+        outcome: str, error: float = np.nan, swing: float = np.nan, note: str = ""
+    ) -> ChainCell:
+        return ChainCell(*setting, outcome, error, swing, stable, note)
 
     # The cost of one evaluation grows with the nodes.
     evaluations = SHORT / min(dt, stable) * (1 if method == "euler" else 4)
@@ -258,7 +262,7 @@ def _swing(tip: Fingertip, obj: ContactObject, method: Method, dt: float, run: H
     return float(abs(np.diff(normal, n=2)).max() / max(normal[0], 1e-9))
 
 
-def report(results: Sequence[Cell]) -> Report:
+def report(results: Sequence[ChainCell]) -> Report:
     """Accuracy of each method and of the predicted limit, and places where the default fails."""
     ran = [cell for cell in results if cell.outcome != "not run"]
     rows: list[Row] = []
@@ -281,7 +285,7 @@ def report(results: Sequence[Cell]) -> Report:
     return Report(rows=tuple(rows), notes=tuple(map(_sentence, failed)))
 
 
-def _sentence(cell: Cell) -> str:
+def _sentence(cell: ChainCell) -> str:
     reason = f" (error {100 * cell.error:.1f} %)" if np.isfinite(cell.error) else f": {cell.note}"
     return (
         f"implicit is {cell.outcome} at {cell.step_s * 1e3:g} ms on "
@@ -289,7 +293,7 @@ def _sentence(cell: Cell) -> str:
     )
 
 
-def draw_model(results: Sequence[Cell], path: Path, quick: bool) -> None:
+def draw_model(results: Sequence[ChainCell], path: Path, quick: bool) -> None:
     """Write the map of the integrators: panels of methods for each node count.
 
     Steps go across, of explicit methods over the predicted limit; stiffness goes up. Methods that
@@ -322,11 +326,11 @@ def draw_model(results: Sequence[Cell], path: Path, quick: bool) -> None:
     path.write_bytes(png(figure))
 
 
-def _panel_of_model(axes: Axes, part: Sequence[Cell]) -> None:
+def _panel_of_model(axes: Axes, part: Sequence[ChainCell]) -> None:
     """Cells of one method by step, or of adaptive methods by their name."""
     method = part[0].method
 
-    def column(cell: Cell) -> float | str:
+    def column(cell: ChainCell) -> float | str:
         if cell.method in ADAPTIVE:
             return cell.method
         return round(cell.step_s / (cell.limit_s if method in EXPLICIT else 1e-3), 6)

@@ -56,7 +56,7 @@ _SHAPES: tuple[Shape, ...] = (plane(), ball(20e-3), cylinder(5e-3))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setting:
+class ModelSetting:
     """A body and how it is stepped.
 
     Attributes
@@ -75,8 +75,10 @@ class Setting:
     ours: bool = True
 
 
-def _chain(name: str, tip: Fingertip, step: float = 1e-3, method: Method = "implicit") -> Setting:
-    return Setting(
+def _chain(
+    name: str, tip: Fingertip, step: float = 1e-3, method: Method = "implicit"
+) -> ModelSetting:
+    return ModelSetting(
         name=name,
         words=f"{tip.law} chain, {method}",
         run=partial(_chain_grasp, tip, step, method),
@@ -96,7 +98,7 @@ def _chain_grasp(tip: Fingertip, step: float, method: Method, obj: ContactObject
     )
 
 
-def _chains(quick: bool) -> list[Setting]:
+def _chains(quick: bool) -> list[ModelSetting]:
     thesis, graded = Fingertip(), Fingertip.graded()
     chains = {"31": Fingertip(nodes=31), "51": Fingertip(nodes=51), "101": Fingertip(nodes=101)}
     chains |= {"251": thesis, f"{graded.nodes} graded": graded}
@@ -153,8 +155,8 @@ def _chain_errors(run: Array, true: Array) -> dict[str, float]:
     }
 
 
-def _dome(pitch: float, step: float) -> Setting:
-    return Setting(
+def _dome(pitch: float, step: float) -> ModelSetting:
+    return ModelSetting(
         name=f"{1e3 * pitch:g} mm, {1e3 * step:g} ms",
         words="linear silicone with stiffening",
         run=partial(_dome_grasp, pitch, step),
@@ -221,8 +223,8 @@ def _dome_errors(run: Array, true: Array) -> dict[str, float]:
 
 
 def _measured(
-    settings: Sequence[Setting],
-    fine: Setting,
+    settings: Sequence[ModelSetting],
+    fine: ModelSetting,
     objects: Sequence[Any],
     duration: float,
     errors: Callable[[Array, Array], dict[str, float]],

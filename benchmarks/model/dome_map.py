@@ -49,7 +49,7 @@ JUDGED_EXPONENT, JUDGED_TRAVEL, JUDGED_STIFFNESS = 0.7, 20e-6, 1e12
 DOME = Dome(pitch=0.6e-3, reach=math.radians(45.0))
 
 
-class Setting(NamedTuple):
+class DomeSetting(NamedTuple):
     """Shape, Dahl exponent, stiffness of the object [N/m³], and travel in a step [m], of a run."""
 
     shape: str
@@ -59,7 +59,7 @@ class Setting(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Cell:
+class DomeCell:
     """One run of a map; NaN where there is nothing to measure.
 
     Attributes
@@ -108,7 +108,7 @@ def grid(quick: bool) -> Grid:
 
 
 @study("project", "stability-dome")
-def dome_map(asked: Asked) -> Study[tuple[Setting, ...], list[Cell]]:
+def dome_map(asked: Asked) -> Study[tuple[DomeSetting, ...], list[DomeCell]]:
     """Steps of the dome over travel in a step, stiffness of the object and Dahl exponent.
 
     One contact (press, then slide) is compared with the same in fine steps.
@@ -118,20 +118,20 @@ def dome_map(asked: Asked) -> Study[tuple[Setting, ...], list[Cell]]:
         "dome",
         [tuple(some) for _, some in alike],
         cells,
-        Cell,
+        DomeCell,
         report,
         partial(draw_dome, quick=asked.quick),
         words=lambda group: "{}, n = {:g}, {:.0e} N/m³".format(*group[0][:3]),
     )
 
 
-def settings(plan: Grid) -> list[Setting]:
+def settings(plan: Grid) -> list[DomeSetting]:
     """Every setting of a map."""
     wanted = itertools.product(plan.shapes, plan.exponents, plan.stiffness, plan.travel)
-    return [Setting(*one) for one in wanted]
+    return [DomeSetting(*one) for one in wanted]
 
 
-def cells(group: Sequence[Setting]) -> list[Cell]:
+def cells(group: Sequence[DomeSetting]) -> list[DomeCell]:
     """Run settings of one shape, exponent and stiffness, which share a fine run."""
     fine = FINE * min(setting.travel_m for setting in group)
     try:
@@ -141,7 +141,7 @@ def cells(group: Sequence[Setting]) -> list[Cell]:
     return [_cell(setting, truth) for setting in group]
 
 
-def _run(setting: Setting) -> DomeRun:
+def _run(setting: DomeSetting) -> DomeRun:
     poses = np.zeros((len(PATH) + 1, 6))
     poses[1:, 2], poses[1:, 0] = -np.array([d for d, _ in PATH]), [x for _, x in PATH]
     parts = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
@@ -161,15 +161,15 @@ def _forces(run: DomeRun) -> Array:
     return run.total_forces[at]
 
 
-def _cell(setting: Setting, truth: Array) -> Cell:
+def _cell(setting: DomeSetting, truth: Array) -> DomeCell:
     try:
         run = _run(setting)
     except UserError as stopped:
-        return Cell(*setting, "not converged", np.nan, np.nan, 0, np.nan, str(stopped))
+        return DomeCell(*setting, "not converged", np.nan, np.nan, 0, np.nan, str(stopped))
     off = np.linalg.norm(_forces(run) - truth, axis=1) / np.linalg.norm(truth, axis=1)
     error = float(off.max())
     halved = run.halvings / len(run.times)
-    return Cell(
+    return DomeCell(
         *setting,
         outcome(error, halved, run.unconverged),
         error,
@@ -191,7 +191,7 @@ def outcome(error: float, halved: float, unconverged: int) -> str:
     return worst("accurate", happened)
 
 
-def report(results: Sequence[Cell]) -> Report:
+def report(results: Sequence[DomeCell]) -> Report:
     """Outcomes of each exponent, and places where the default one fails."""
     rows: list[Row] = []
     for exponent in dict.fromkeys(cell.exponent for cell in results):
@@ -215,7 +215,7 @@ def report(results: Sequence[Cell]) -> Report:
     return Report(rows=tuple(rows), notes=tuple(map(_sentence, failed)))
 
 
-def _sentence(cell: Cell) -> str:
+def _sentence(cell: DomeCell) -> str:
     reason = f" (error {100 * cell.error:.1f} %)" if np.isfinite(cell.error) else f": {cell.note}"
     return (
         f"the dome is {cell.outcome} at {1e6 * cell.travel_m:g} µm a step on a {cell.shape} of "
@@ -223,7 +223,7 @@ def _sentence(cell: Cell) -> str:
     )
 
 
-def draw_dome(results: Sequence[Cell], path: Path, quick: bool) -> None:
+def draw_dome(results: Sequence[DomeCell], path: Path, quick: bool) -> None:
     """Write the map of the dome: a panel for each Dahl exponent and shape.
 
     Travel in a step goes across, stiffness of the object up. A cell whose steps were halved says
@@ -252,6 +252,6 @@ def draw_dome(results: Sequence[Cell], path: Path, quick: bool) -> None:
     path.write_bytes(png(figure))
 
 
-def _text_of_dome(cell: Cell) -> str:
+def _text_of_dome(cell: DomeCell) -> str:
     number = f"{100.0 * cell.halved:.0f}" if cell.halved >= 0.005 else "<1"
     return f"{OUTCOMES[cell.outcome].letter} {number if cell.halved > 0.0 else ''}".strip()

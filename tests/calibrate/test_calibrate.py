@@ -210,6 +210,7 @@ def test_a_pinhole_is_found_again(
     assert furthest(found, PINHOLE, np.pi) < 0.3
 
 
+@pytest.mark.slow
 def test_standard_deviations_tell_the_scatter(fisheye_images: Path) -> None:
     """Halves of the images disagree by about what each half says of itself."""
     files = image_files([fisheye_images])

@@ -255,6 +255,7 @@ def listed(calibrated: Calibrated) -> list[str]:
     return (calibrated.presses / "presses.csv").read_text(encoding="utf-8").splitlines()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("column", "value", "words"),
     [

@@ -142,6 +142,7 @@ def test_other_labels_are_told_from_rounding(
     assert frozen.likeness(folder.name, content_of(folder)) == like
 
 
+@pytest.mark.slow
 def test_a_benchmark_of_other_pictures_is_refused(
     two: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

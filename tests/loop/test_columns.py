@@ -66,6 +66,7 @@ def test_a_pinch_has_deviations_and_the_interval_of_the_margin_with_torsion(pinc
         assert ((low <= margin) & (margin <= high))[held].all()
 
 
+@pytest.mark.slow
 def test_the_report_of_a_pinch_shades_what_its_trace_knows(pinch: Path) -> None:
     read = read_run(pinch)
     panels = {panel.title: panel for panel in run_on_page(read, "run").panels}

@@ -123,6 +123,7 @@ def same_numbers(
         np.testing.assert_allclose(stamps, of["time_s"][there], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_numbers_are_those_of_the_trace(chain: Path) -> None:
     read, of = Read(chain / "run.mcap"), columns(chain)
     assert np.isnan(of["margin_estimated"][1:]).any()  # frames were dropped

@@ -155,6 +155,7 @@ def test_summary_and_scene_name_the_reconstructor_that_auto_is(tmp_path: Path) -
     assert truth["reconstructor"] is truth["camera_pose"] is None
 
 
+@pytest.mark.slow
 def test_the_summary_counts_frames_without_an_estimate_by_their_reasons() -> None:
     """Reasons that differ by their numbers alone are one kind."""
     reasons = ["1.2 N of 3 N", "0.9 N of 4 N", "no pair"]

@@ -224,6 +224,7 @@ def test_a_run_has_a_picture_of_each_instant_of_the_video(tmp_path: Path) -> Non
     rig.close()
 
 
+@pytest.mark.slow
 def test_a_fast_camera_has_a_hundred_pictures_a_second(tmp_path: Path) -> None:
     run(scene(duration_s=0.1, camera__rate_hz=200.0), tmp_path / "fast")
     assert len(pictures(tmp_path / "fast" / "tactile.mp4")) == 11

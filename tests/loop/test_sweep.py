@@ -13,7 +13,7 @@ from chromagrip.measure.engine import FIGURES, UNFINISHED, key_of
 from chromagrip.measure.score.intervals import share_interval
 from chromagrip.measure.sweep import sweep as swept
 from chromagrip.measure.sweep.report import means, sweep_report
-from chromagrip.measure.sweep.runs import Cell, Plan, Task, tasks, words
+from chromagrip.measure.sweep.runs import Plan, SweepCell, SweepRun, tasks, words
 from chromagrip.measure.sweep.sweep import MAP, RUNS, sweep
 from chromagrip.measure.worlds.scorecard import scores
 from chromagrip.output.cells import read_cells
@@ -48,7 +48,7 @@ class Mine:
 def test_every_combination_is_run_once_and_scored(tmp_path: Path) -> None:
     counted: list[str] = []
     report = sweep(PLAN, tmp_path, False, 1, counted.append)
-    cells = list(read_cells(tmp_path / RUNS, Cell))
+    cells = list(read_cells(tmp_path / RUNS, SweepCell))
     assert len({(one.scene, one.setting, one.seed) for one in cells}) == len(cells) == 8
     assert counted[-1].endswith(": 8 of 8")
     assert {path.name for path in tmp_path.iterdir()} == {RUNS, MAP, FIGURES, "index.html"}
@@ -63,10 +63,10 @@ def test_every_combination_is_run_once_and_scored(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_sweep_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[Task] = []
+    made: list[SweepRun] = []
     real = swept.cell
 
-    def cell(task: Task) -> Cell:
+    def cell(task: SweepRun) -> SweepCell:
         if len(made) == 5:
             raise KeyboardInterrupt
         made.append(task)
@@ -76,7 +76,7 @@ def test_an_interrupted_sweep_goes_on(tmp_path: Path, monkeypatch: pytest.Monkey
     with pytest.raises(KeyboardInterrupt):
         sweep(PLAN, tmp_path, False, 1)
     assert {path.name for path in tmp_path.iterdir()} == {UNFINISHED}
-    more: list[Task] = []
+    more: list[SweepRun] = []
     monkeypatch.setattr(swept, "cell", lambda task: more.append(task) or real(task))
     resumed = sweep(PLAN, tmp_path, False, 1)
     assert len(more) == 3
@@ -107,7 +107,7 @@ def test_own_controllers_in_processes(typed: Typed, tmp_path: Path) -> None:
     assert [rows[f"{name}={gain}/lost"] for gain in (3, 5, 9)] == [0, 0, 2]
     assert rows[f"{name}=9/pressure_max"] is None
     assert rows[f"{name}=5/pressure_max"] > rows[f"{name}=3/pressure_max"]
-    failed = {one.failed for one in read_cells(tmp_path / "swept" / RUNS, Cell)} - {""}
+    failed = {one.failed for one in read_cells(tmp_path / "swept" / RUNS, SweepCell)} - {""}
     (text,) = failed
     assert text.startswith("controller mine_swept:Mine failed at t = 0.11 s")
     done = typed(*line, "--workers", "1", "--out", "swept", "--overwrite")
@@ -118,7 +118,7 @@ def test_own_controllers_in_processes(typed: Typed, tmp_path: Path) -> None:
 def test_ctrl_c_says_how_to_go_on(typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
     real, made = swept.cell, list[str]()
 
-    def cell(task: Task) -> Cell:
+    def cell(task: SweepRun) -> SweepCell:
         if made:
             raise KeyboardInterrupt
         made.append(task.name)
@@ -155,8 +155,8 @@ def test_what_cannot_be_swept_is_refused_before_there_is_a_folder(
     assert list(tmp_path.iterdir()) == []
 
 
-def made(gross: float, settling: float, failed: str = "") -> Cell:
-    return Cell(scene="s", setting="", seed=0, failed=failed, gross=gross, settling=settling)
+def made(gross: float, settling: float, failed: str = "") -> SweepCell:
+    return SweepCell(scene="s", setting="", seed=0, failed=failed, gross=gross, settling=settling)
 
 
 def test_failed_runs_count_as_lost_and_not_in_means() -> None:
@@ -215,7 +215,9 @@ def test_every_block_of_a_wide_table_names_its_settings() -> None:
     axes = (("controller", ("a", "b")), (KI, (1.0, 2.0)))
     plan = Plan(scenes=("s",), axes=axes, fixed={})
     cells = [
-        Cell(scene="s", setting=words(one), seed=0, gross=0.0, settling=0.1, pressure_max=400.0)
+        SweepCell(
+            scene="s", setting=words(one), seed=0, gross=0.0, settling=0.1, pressure_max=400.0
+        )
         for one in plan.settings()
     ]
     lines = list(table_lines(sweep_report(plan, cells).tables[0], 70))

@@ -12,7 +12,14 @@ from chromagrip.loop import COLUMNS
 from chromagrip.loop.record import Result
 from chromagrip.loop.trace import Trace
 from chromagrip.measure.bench import control as bench_control
-from chromagrip.measure.bench.control import OBJECT_SETS, SCENES, TARGETS, Task, score_run, tasks
+from chromagrip.measure.bench.control import (
+    OBJECT_SETS,
+    SCENES,
+    TARGETS,
+    ControlRun,
+    score_run,
+    tasks,
+)
 from chromagrip.measure.engine import measure
 from chromagrip.measure.study import Asked
 from chromagrip.measure.worlds.coverage import BEYOND, count_frames, coverage_rows, slip_rows
@@ -96,7 +103,7 @@ def test_a_run_is_scored_by_the_truth_and_a_bad_grip_shows() -> None:
     def card(controller: str, **changes: Any) -> dict[str, float]:
         told = {"controller": controller, "path": "truth", **changes}
         said = score_run(
-            Task(group="", path="truth", controller="", scene="moisture-1", changes=told)
+            ControlRun(group="", path="truth", controller="", scene="moisture-1", changes=told)
         )
         assert isinstance(said, dict)
         return said
@@ -112,7 +119,7 @@ def test_a_run_is_scored_by_the_truth_and_a_bad_grip_shows() -> None:
 
 
 def test_a_run_that_stops_is_a_row_and_spoils_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(task: Task) -> dict[str, float] | str:
+    def fails(task: ControlRun) -> dict[str, float] | str:
         return "the plant broke" if task.scene == "jerk-1" else dict.fromkeys(SCORES, 1.0)
 
     monkeypatch.setattr(bench_control, "score_run", fails)
@@ -216,7 +223,7 @@ def test_a_sensor_that_is_not_what_is_told_grasps() -> None:
     changes["camera.rest_frames"] = 2
     found = []
     for specimen in (None, 1, 2):
-        task = Task(group="", path="camera", controller="conservative", scene="margin-60hz",
+        task = ControlRun(group="", path="camera", controller="conservative", scene="margin-60hz",
                     changes=changes, specimen=specimen)  # fmt: skip
         said = score_run(task)
         assert isinstance(said, dict)

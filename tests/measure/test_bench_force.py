@@ -214,19 +214,26 @@ def test_errors_as_large_as_the_limit_score_one_and_their_intervals_hold() -> No
     assert found["mu_rms"] == pytest.approx(0.04, rel=0.1)
     assert abs(found["mu_bias"]) < 0.006
     assert found["margin_near_rms"] == pytest.approx(0.06, rel=0.2)
-    assert found["wrong"] == found["flagged"] == 0.0
+    assert found["far_off"] == found["flagged"] == 0.0
 
 
 def test_a_perfect_answer_scores_nothing_and_a_constant_its_scatter() -> None:
     sure = np.stack([TRUE, TRUE], axis=-1)
     perfect = scores(Answers(value=TRUE, interval=sure, flagged=np.zeros(400, dtype=bool)), TRUE)
-    for score in ("normal_rms", "friction_rms", "mu_rms", "margin_rms", "margin_near_rms", "wrong"):
+    for score in (
+        "normal_rms",
+        "friction_rms",
+        "mu_rms",
+        "margin_rms",
+        "margin_near_rms",
+        "far_off",
+    ):
         assert perfect[score] == 0.0
     assert perfect["normal_coverage"] == 100.0
     found = scores(constant(TRUE), TRUE)
     assert found["margin_rms"] == pytest.approx(TRUE[:, 3].std())
     assert found["friction_rms"] == pytest.approx(TRUE[:, 1].std())
-    assert found["wrong"] > 20.0
+    assert found["far_off"] > 20.0
     # Where µ is the same in all scenes, a constant knows it: that is what its row is for.
     assert found["mu_rms"] == 0.0
 
@@ -240,7 +247,7 @@ def test_flagged_frames_count_as_what_a_controller_is_told() -> None:
         Answers(value=value, interval=np.stack([value, value], axis=-1), flagged=flagged), TRUE
     )
     assert found["flagged"] == 25.0
-    assert found["wrong"] == 2.5
+    assert found["far_off"] == 2.5
     squares = 100 * 1.0 + 10 * 0.6**2
     assert found["normal_rms"] == pytest.approx(100 * np.sqrt(squares / 400))
     assert found["normal_coverage"] == pytest.approx(100 * 290 / 300)
@@ -255,7 +262,7 @@ def test_mu_is_asked_for_only_where_it_can_be_seen() -> None:
         value=value, interval=np.stack([value, value], axis=-1), flagged=np.zeros(400, dtype=bool)
     )
     found = scores(said, true)
-    assert found["mu_rms"] == found["wrong"] == 0.0
+    assert found["mu_rms"] == found["far_off"] == 0.0
     assert found["mu_coverage"] == 100.0
 
 

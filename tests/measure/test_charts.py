@@ -20,7 +20,7 @@ from matplotlib.text import Text
 from benchmarks.__main__ import load
 from chromagrip import UserError
 from chromagrip.measure.bench.force import Speed
-from chromagrip.measure.bench.force_sets import Measured, Task
+from chromagrip.measure.bench.force_sets import GraspTask, Measured
 from chromagrip.measure.charts import force as chart_force
 from chromagrip.measure.charts import force_dome
 from chromagrip.measure.charts.chart import Axis, Chart, Peer, Point, front
@@ -31,7 +31,7 @@ from chromagrip.measure.engine import measure
 from chromagrip.measure.study import Asked, studies
 from chromagrip.measure.worlds import force_scores
 from chromagrip.measure.worlds.dome.readings import Reading
-from chromagrip.measure.worlds.dome.sets import Result, by_set
+from chromagrip.measure.worlds.dome.sets import DomeResult, by_set
 from chromagrip.measure.worlds.force_scores import Answers
 from chromagrip.measure.worlds.grasps import LIBRARY
 from chromagrip.output.page import write_page
@@ -226,7 +226,7 @@ def test_a_chart_has_errors_beside_the_constant_and_the_limit() -> None:
         answers={read: {"gp": said} for read in force_scores.READ},
         limit={"single": 0.01 * true, "0.1s": np.full(true.shape, 0.005)},
     )
-    task = Task(world="matched", kind=LIBRARY, index=0, reconstructors={}, limited=True)
+    task = GraspTask(world="matched", kind=LIBRARY, index=0, reconstructors={}, limited=True)
     times = Speed({}, 3), [("gp", [1.0, 2.0, 4.0])]
     chart = chart_force._chart([(task, found), times], {"gp": "gp"}, 1)
     rows = {row.name: row.value for row in chart.rows()}
@@ -290,7 +290,7 @@ def test_a_chart_of_domes_has_all_that_read_them(
     study = force_dome.dome_chart(Asked(quick=quick, methods=chosen))
     assert {task.design for task in study.settings} == {"thesis", *others}
     results = [
-        (task, Result(true=true, side=side, readings=dict.fromkeys(task.reconstructors, said)))
+        (task, DomeResult(true=true, side=side, readings=dict.fromkeys(task.reconstructors, said)))
         for task in study.settings
     ]
     once = {task.design: (task, result) for task, result in results}

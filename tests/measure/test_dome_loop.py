@@ -5,7 +5,7 @@ import json
 import pytest
 
 from chromagrip.measure.bench import loop_dome as loop
-from chromagrip.measure.bench.loop_dome import SETS, Grip, Task, report_of, tasks
+from chromagrip.measure.bench.loop_dome import SETS, DomeGripRun, GripOutcome, report_of, tasks
 from chromagrip.measure.engine import measure
 from chromagrip.measure.study import Asked
 from chromagrip.output.report import values
@@ -16,25 +16,25 @@ SET = "chromatouch-2020"
 FRAMES = {"frames": 100.0, "outside": 10.0, "unsafe": 5.0, "wrong": 2.0, "flagged": 25.0}
 
 
-def held(margin: float = 0.3) -> Grip:
-    return Grip(lost=False, margin=margin, force=5.0, counts=FRAMES)
+def held(margin: float = 0.3) -> GripOutcome:
+    return GripOutcome(lost=False, margin=margin, force=5.0, counts=FRAMES)
 
 
-LOST = Grip(lost=True, margin=0.0, force=15.0, counts=FRAMES)
+LOST = GripOutcome(lost=True, margin=0.0, force=15.0, counts=FRAMES)
 
 
-def scored(runs: dict[Task, Grip | str]) -> dict[str, float | None]:
+def scored(runs: dict[DomeGripRun, GripOutcome | str]) -> dict[str, float | None]:
     return {name[-1]: value for name, value in values(report_of(list(runs.items())).rows).items()}
 
 
 def test_what_slides_with_the_true_forces_is_told_apart() -> None:
-    runs: dict[Task, Grip | str] = {
-        Task(SET, "truth", 0, 0): held(),
-        Task(SET, "truth", 1, 0): LOST,
-        Task(SET, "camera", 0, 0): LOST,
-        Task(SET, "camera", 0, 1): held(),
-        Task(SET, "camera", 1, 0): LOST,
-        Task(SET, "camera", 1, 1): "the dome gave up",
+    runs: dict[DomeGripRun, GripOutcome | str] = {
+        DomeGripRun(SET, "truth", 0, 0): held(),
+        DomeGripRun(SET, "truth", 1, 0): LOST,
+        DomeGripRun(SET, "camera", 0, 0): LOST,
+        DomeGripRun(SET, "camera", 0, 1): held(),
+        DomeGripRun(SET, "camera", 1, 0): LOST,
+        DomeGripRun(SET, "camera", 1, 1): "the dome gave up",
     }
     found = scored(runs)
     assert (found["runs"], found["lost"]) == (4.0, 3.0)
@@ -43,12 +43,12 @@ def test_what_slides_with_the_true_forces_is_told_apart() -> None:
 
 
 def test_margins_are_judged_of_the_runs_that_hold() -> None:
-    runs: dict[Task, Grip | str] = {
-        Task(SET, "camera", 0, 0): held(0.30),
-        Task(SET, "camera", 1, 0): held(0.44),
-        Task(SET, "camera", 2, 0): held(0.16),
-        Task(SET, "camera", 3, 0): held(0.50),
-        Task(SET, "camera", 4, 0): LOST,
+    runs: dict[DomeGripRun, GripOutcome | str] = {
+        DomeGripRun(SET, "camera", 0, 0): held(0.30),
+        DomeGripRun(SET, "camera", 1, 0): held(0.44),
+        DomeGripRun(SET, "camera", 2, 0): held(0.16),
+        DomeGripRun(SET, "camera", 3, 0): held(0.50),
+        DomeGripRun(SET, "camera", 4, 0): LOST,
     }
     found = scored(runs)
     assert found["within"] == pytest.approx(75.0)
@@ -58,7 +58,9 @@ def test_margins_are_judged_of_the_runs_that_hold() -> None:
 def test_frames_of_the_camera_alone_are_counted() -> None:
     camera = held()
     truth = camera._replace(counts=dict.fromkeys(FRAMES, 1000.0))
-    found = scored({Task(SET, "truth", 0, 0): truth, Task(SET, "camera", 0, 0): camera})
+    found = scored(
+        {DomeGripRun(SET, "truth", 0, 0): truth, DomeGripRun(SET, "camera", 0, 0): camera}
+    )
     assert found["inside"] == pytest.approx(90.0)
     assert found["wrong"] == pytest.approx(2.0)
     assert found["flagged"] == pytest.approx(20.0)

@@ -22,7 +22,14 @@ from chromagrip.measure.worlds.dome.elements import CASES, ElementField, presses
 from chromagrip.measure.worlds.dome.grips import MARGINS, SMOOTH, UNLIKE, Grip, random_grip, turned
 from chromagrip.measure.worlds.dome.readings import UNITS, Reading, constant, read, scores
 from chromagrip.measure.worlds.dome.scenes import Watched, watch
-from chromagrip.measure.worlds.dome.sets import DESIGNS, NEXT, Result, counts_of, joined, readers_of
+from chromagrip.measure.worlds.dome.sets import (
+    DESIGNS,
+    NEXT,
+    DomeResult,
+    counts_of,
+    joined,
+    readers_of,
+)
 from chromagrip.measure.worlds.dome.specimens import (
     OFF,
     SPECIMENS,
@@ -368,11 +375,11 @@ def test_scores_are_the_errors_that_are_put_in() -> None:
 # ---- rows ----
 
 
-def _result(off: float, names: tuple[str, ...]) -> Result:
+def _result(off: float, names: tuple[str, ...]) -> DomeResult:
     true = np.array([[3.0, 1.0, 0.5, g] for g in (0.1, 0.3, 0.6)])
     side = np.array([[0.6, 0.8, 0.002]] * 3)
     reading = _reading(true * (1.0 + off), np.full((3, 4), 0.02), side * (1.0 + off))
-    return Result(true=true, side=side, readings=dict.fromkeys(names, reading))
+    return DomeResult(true=true, side=side, readings=dict.fromkeys(names, reading))
 
 
 def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:

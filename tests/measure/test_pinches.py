@@ -18,8 +18,8 @@ from chromagrip.measure.bench.control_pinch import (
     LIFT,
     OTHERS,
     WEIGHTS,
+    LiftRun,
     Outcome,
-    Task,
     grips_of,
     larger_grips,
     mass_of,
@@ -42,8 +42,8 @@ def run(outcome: str = "held", pressure: float = 50.0) -> Outcome:
     )
 
 
-def lifts(path: str, name: str, *runs: Outcome | str) -> dict[Task, Outcome | str]:
-    return {Task(LIFT, path, name, thing, 0): each for thing, each in enumerate(runs)}
+def lifts(path: str, name: str, *runs: Outcome | str) -> dict[LiftRun, Outcome | str]:
+    return {LiftRun(LIFT, path, name, thing, 0): each for thing, each in enumerate(runs)}
 
 
 def test_outcomes_are_counted_and_a_run_that_stopped_is_none_of_them() -> None:
@@ -55,9 +55,9 @@ def test_outcomes_are_counted_and_a_run_that_stopped_is_none_of_them() -> None:
     assert found[*case, "stopped"] == 1
 
 
-def held_by(grip: float, *runs: Outcome) -> dict[Task, Outcome | str]:
+def held_by(grip: float, *runs: Outcome) -> dict[LiftRun, Outcome | str]:
     """Runs with a constant grip [N]."""
-    return {Task(LIFT, "truth", CONSTANT, k, 0, grip): each for k, each in enumerate(runs)}
+    return {LiftRun(LIFT, "truth", CONSTANT, k, 0, grip): each for k, each in enumerate(runs)}
 
 
 def test_pressure_is_compared_with_the_constant_grip() -> None:
@@ -71,13 +71,13 @@ def test_pressure_is_compared_with_the_constant_grip() -> None:
 
 
 def test_the_constant_grip_is_the_smallest_that_lifts_every_object() -> None:
-    def outcome(task: Task) -> Outcome:
+    def outcome(task: LiftRun) -> Outcome:
         assert task.grip is not None
         assert task.thing is not None
         return run("held" if task.grip >= 3.0 + task.thing else "dropped")
 
     for heaviest, grip in ((2, 5.0), (20, GRIPS[-1])):
-        runs: dict[Task, Outcome | str] = {}
+        runs: dict[LiftRun, Outcome | str] = {}
         while todo := larger_grips(runs, (LIFT,), (0, heaviest)):
             runs |= {task: outcome(task) for task in todo}
         assert grips_of(runs, LIFT)[-1] == grip
@@ -110,7 +110,7 @@ def test_every_scene_and_controller_is_run() -> None:
 
 @pytest.mark.slow
 def test_too_small_a_grip_drops_and_a_large_one_holds() -> None:
-    small, large = (outcome_of(Task(LIFT, "truth", CONSTANT, 9, 0, grip)) for grip in (1.0, 6.0))
+    small, large = (outcome_of(LiftRun(LIFT, "truth", CONSTANT, 9, 0, grip)) for grip in (1.0, 6.0))
     assert isinstance(small, Outcome)
     assert isinstance(large, Outcome)
     # Both fingers hold 200 g: 2·µ·N has to be above 1.96 N, with µ = 0.5.

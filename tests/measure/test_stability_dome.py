@@ -39,5 +39,5 @@ def test_a_run_without_solution_is_not_converged(monkeypatch: pytest.MonkeyPatch
         raise dome.ConvergenceError("no")
 
     monkeypatch.setattr(dome, "simulate_contact", fails)
-    (cell,) = cells([dome.Setting("plane", 0.7, 1e9, 4e-4)])
+    (cell,) = cells([dome.DomeSetting("plane", 0.7, 1e9, 4e-4)])
     assert (cell.outcome, cell.note) == ("not converged", "no")

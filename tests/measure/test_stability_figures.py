@@ -35,29 +35,29 @@ def drawn(
     return shown[0]
 
 
-def model_cells() -> list[model.Cell]:
+def model_cells() -> list[model.ChainCell]:
     """Every outcome, of methods of all kinds."""
     kinds = (("implicit", (1e-3, 2e-3)), ("euler", (9e-6, 2e-5)), ("bdf", (1e-3,)))
     return [
-        model.Cell(method, 21, 10.0**k, step, outcome, 0.0, 0.0, 1e-5, "")
+        model.ChainCell(method, 21, 10.0**k, step, outcome, 0.0, 0.0, 1e-5, "")
         for method, steps in kinds
         for k, outcome in enumerate(model.OUTCOMES)
         for step in steps
     ]
 
 
-def dome_cells() -> list[dome.Cell]:
+def dome_cells() -> list[dome.DomeCell]:
     """Every outcome, some with halved steps."""
     return [
-        dome.Cell("ball", 0.7, 1e7, 1e-5 * (k + 1), outcome, 0.0, 0.1 * (k == 1), 0, 1.0, "")
+        dome.DomeCell("ball", 0.7, 1e7, 1e-5 * (k + 1), outcome, 0.0, 0.1 * (k == 1), 0, 1.0, "")
         for k, outcome in enumerate(dome.OUTCOMES)
     ]
 
 
-def force_cells() -> list[force.Cell]:
+def force_cells() -> list[force.ForceCell]:
     """Every outcome."""
     return [
-        force.Cell("thesis", "gp", "noise", str(k), outcome, 3.0, 0.0, 0, 4, "")
+        force.ForceCell("thesis", "gp", "noise", str(k), outcome, 3.0, 0.0, 0, 4, "")
         for k, outcome in enumerate(force.OUTCOMES)
     ]
 
@@ -107,7 +107,7 @@ def test_a_map_of_the_loop_tells_outcomes_by_letters(tmp_path: Path) -> None:
     for k, one in enumerate(which.settings()):
         name = names[k % len(names)]
         swing = float(name != "holds")
-        results[one] = cells.Cell(**vars(one), outcome=name, swing=swing, root=2.0)
+        results[one] = cells.LoopCell(**vars(one), outcome=name, swing=swing, root=2.0)
     _, places = figures.new_map(which, True, 0.4, 0.9, 1.5)
     for axes, panel in zip(places, which.panels, strict=True):
         figures.draw_field(axes, which, panel, results, cells.OUTCOMES)
@@ -127,7 +127,7 @@ def test_a_map_of_the_loop_tells_outcomes_by_letters(tmp_path: Path) -> None:
 
 def test_curves_of_trackers_differ_by_more_than_colour(monkeypatch: pytest.MonkeyPatch) -> None:
     results = [
-        track.Cell(f"tracker {k}", "noise", value, 4, 90.0 - k, 0.1 * (k + 1), 0, "")
+        track.TrackCell(f"tracker {k}", "noise", value, 4, 90.0 - k, 0.1 * (k + 1), 0, "")
         for k in range(10)
         for value in (1.0, 2.0)
     ]

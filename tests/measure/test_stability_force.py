@@ -12,9 +12,9 @@ from chromagrip.measure.engine import measure
 from chromagrip.measure.stability import force
 from chromagrip.measure.stability.force import (
     DIALS,
-    Case,
-    Cell,
-    Setting,
+    ForceCell,
+    ForceCondition,
+    GripCase,
     case_of,
     force_map,
     judged,
@@ -83,14 +83,14 @@ def test_a_dial_turns_one_condition() -> None:
 @pytest.mark.slow
 def test_a_scene_is_as_its_case_says() -> None:
     """Grip, µ and Γ are in the truth; silicone that is stiffer than told is read too soft."""
-    plain = force._watched("dome-2022", Case(grip=0.5, friction=0.3))
+    plain = force._watched("dome-2022", GripCase(grip=0.5, friction=0.3))
     np.testing.assert_allclose(plain.true[:, 0], 1.5, rtol=0.03)
     np.testing.assert_allclose(plain.true[:, 2], 0.3)
     np.testing.assert_allclose(plain.true[:, 3], [1.0, 0.6, 0.3, 0.1], atol=0.05)
     along, across, _ = plain.side[-1]
     assert math.degrees(math.atan2(across, along)) == pytest.approx(30.0, abs=0.05)
-    stiffer = force._watched("dome-2022", Case(young=1.3))
-    assert stiffer.known == force._watched("dome-2022", Case()).known
+    stiffer = force._watched("dome-2022", GripCase(young=1.3))
+    assert stiffer.known == force._watched("dome-2022", GripCase()).known
     read = force.read("contact", stiffer)
     np.testing.assert_allclose(
         read.answers.value[:, 0], stiffer.true[:, 0] / 1.3, rtol=0.06
@@ -102,10 +102,12 @@ def test_a_scene_is_as_its_case_says() -> None:
 def test_a_map_is_drawn_with_ones_own_beside_ours(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def made(setting: Setting) -> list[Cell]:
+    def made(setting: ForceCondition) -> list[ForceCell]:
         outcomes = ["wrong, narrow and unflagged", "frames flagged", *["accurate"] * 3]
         return [
-            Cell(setting.design, name, setting.dial, setting.value, outcome, 20.0, 0.3, 0, 4, "")
+            ForceCell(
+                setting.design, name, setting.dial, setting.value, outcome, 20.0, 0.3, 0, 4, ""
+            )
             for name, outcome in zip(setting.methods, outcomes, strict=True)
         ]
 
@@ -129,10 +131,12 @@ def test_a_map_is_drawn_with_ones_own_beside_ours(
 
 
 def test_what_reads_domes_and_is_wrong_is_named() -> None:
-    bad = Cell(
+    bad = ForceCell(
         "thesis", "contact", "noise", "4", "wrong, narrow and unflagged", 31.0, 0.4, 0, 4, ""
     )
-    gone = Cell("thesis", "gp", "grip", "3", "not held", math.nan, math.nan, 0, 0, "it gave up")
+    gone = ForceCell(
+        "thesis", "gp", "grip", "3", "not held", math.nan, math.nan, 0, 0, "it gave up"
+    )
     assert report([bad, gone]).notes == (
         "contact on thesis is wrong, narrow and unflagged at noise 4: ΣFn 31 % off, Γ 0.40",
         "thesis, grip 3: it gave up",
@@ -140,6 +144,8 @@ def test_what_reads_domes_and_is_wrong_is_named() -> None:
 
 
 def test_an_object_that_slides_off_is_not_held() -> None:
-    found = force.cells(Setting("thesis", "ball", "0.12", {"gp": "gp", "contact": "contact"}))
+    found = force.cells(
+        ForceCondition("thesis", "ball", "0.12", {"gp": "gp", "contact": "contact"})
+    )
     assert [one.method for one in found] == ["gp", "contact"]
     assert {(one.outcome, one.note) for one in found} == {("not held", "the object slides off")}

@@ -13,8 +13,8 @@ from chromagrip.measure.engine import measure
 from chromagrip.measure.stability.grips import study as grip_study
 from chromagrip.measure.stability.grips.cells import (
     OUTCOMES,
-    Cell,
-    Setting,
+    GripCell,
+    GripSetting,
     World,
     at_the_end,
     cell,
@@ -34,7 +34,7 @@ from chromagrip.measure.stability.grips.predicted import (
 from chromagrip.measure.study import Asked
 
 WORLDS: tuple[World, ...] = get_args(World)
-CONSTANT = Setting(world="pinch", controller="conservative")
+CONSTANT = GripSetting(world="pinch", controller="conservative")
 
 
 @pytest.mark.slow
@@ -57,7 +57,7 @@ def test_a_constant_grip_bears_the_torque_of_the_limit_surface(share: float, wor
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "holds"), [(1.5, True), (0.8, False)])
 def test_past_the_rate_of_the_linearised_loop_the_object_is_lost(share: float, holds: bool) -> None:
-    base = Setting(world="pinch", controller="safety-margin", latency_frames=2)
+    base = GripSetting(world="pinch", controller="safety-margin", latency_frames=2)
     found = cell(replace(base, rate_hz=share * slowest_rate(base)))
     assert (found.outcome == "holds") == holds
 
@@ -94,7 +94,7 @@ def test_what_a_controller_reaches_while_the_object_slides() -> None:
 
 @pytest.mark.parametrize("world", WORLDS)
 def test_a_lighter_load_needs_a_faster_camera(world: World) -> None:
-    base = Setting(world=world, controller="safety-margin")
+    base = GripSetting(world=world, controller="safety-margin")
     light = replace(base, load_n=1.0, mass_g=100.0)
     assert linear(light).plant.gain == pytest.approx(2.0 * linear(base).plant.gain)
     assert slowest_rate(light) > slowest_rate(base)
@@ -117,13 +117,13 @@ def test_the_worst_outcome_counts() -> None:
 def test_every_cell_is_drawn_and_counted(
     world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ran: list[Setting] = []
+    ran: list[GripSetting] = []
 
-    def quick_cell(setting: Setting) -> Cell:
+    def quick_cell(setting: GripSetting) -> GripCell:
         ran.append(setting)
         assert setting.scene().path == "truth"
         names = list(OUTCOMES)
-        return Cell(**vars(setting), outcome=names[len(ran) % len(names)], note="a, b")
+        return GripCell(**vars(setting), outcome=names[len(ran) % len(names)], note="a, b")
 
     monkeypatch.setattr(grip_study, "cell", quick_cell)
     out, asked = tmp_path / "out", Asked(quick=True, world=world, methods=("react-to-slip",))

@@ -25,8 +25,8 @@ from chromagrip.measure.stability.cells import (
     MARGIN,
     OUTCOMES,
     SWING,
-    Cell,
-    Setting,
+    LoopCell,
+    LoopSetting,
     cell,
     outcome,
     swing,
@@ -144,7 +144,9 @@ def test_noise_passes_the_loop_as_its_time_series_says() -> None:
     ("preset", "latency"),
     [(PRINTED, 0), pytest.param(PRINTED, 3, marks=pytest.mark.slow), (RETUNED, 1)],
 )
-def test_the_node_model_starts_to_swing_near_the_prediction(preset: Setting, latency: int) -> None:
+def test_the_node_model_starts_to_swing_near_the_prediction(
+    preset: LoopSetting, latency: int
+) -> None:
     setting = replace(preset, latency_frames=latency)
     assert onset(setting) / critical_period(setting.linear()) == pytest.approx(1.0, abs=0.3)
 
@@ -243,7 +245,7 @@ def test_a_grip_that_crushes_does_so_on_the_node_model() -> None:
 @pytest.mark.parametrize("radius", [np.inf, 5.0])
 def test_what_the_linear_plant_is_and_what_it_leaves_out(radius: float) -> None:
     """A rising grip moves Γ by the formula at once, a falling one by half, the rest later."""
-    scene = Setting(friction=0.7, radius_mm=radius).scene()
+    scene = LoopSetting(friction=0.7, radius_mm=radius).scene()
     tip, obj = scene.build_fingertip(), scene.build_object()
     state, _, grip = held(tip, obj, FIRST_LOAD, MARGIN)
 
@@ -290,9 +292,9 @@ def test_an_interrupted_run_goes_on_and_ends_the_same(
 ) -> None:
     monkeypatch.setattr(loop_study, "maps", small_plan)
     monkeypatch.setattr(loop_study, "onset", lambda one: critical_period(one.linear()))
-    ran: list[Setting] = []
+    ran: list[LoopSetting] = []
 
-    def quick_cell(setting: Setting) -> Cell:
+    def quick_cell(setting: LoopSetting) -> LoopCell:
         """As deterministic as a run, and told of."""
         ran.append(setting)
         loop = setting.linear()
@@ -302,7 +304,7 @@ def test_an_interrupted_run_goes_on_and_ends_the_same(
             "swing": 1.0 / 3.0 + setting.margin_noise,
             "pressure_n_per_m": setting.stiffness_kpa,
         }
-        return Cell(
+        return LoopCell(
             **vars(setting),
             **judged,
             outcome=outcome(**judged),

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from chromagrip.by_name import Choice
 from chromagrip.errors import UserError
-from chromagrip.measure.stability.track import Cell, Setting, cells, report
+from chromagrip.measure.stability.track import TrackCell, TrackCondition, cells, report
 from chromagrip.measure.worlds.track_scores import Constant
 from chromagrip.render import Frame
 from chromagrip.tracking import Tracks, detect_markers
@@ -42,11 +42,11 @@ class Broken(Constant):
         raise IndexError("a bug")
 
 
-def curve(tracker: Choice, dial: str, values: tuple[float, ...], frames: int) -> list[Cell]:
+def curve(tracker: Choice, dial: str, values: tuple[float, ...], frames: int) -> list[TrackCell]:
     return [
         cell
         for value in values
-        for cell in cells(Setting(dial, value, frames, {"tracker": tracker}))
+        for cell in cells(TrackCondition(dial, value, frames, {"tracker": tracker}))
     ]
 
 
@@ -69,8 +69,8 @@ def test_identity_is_lost_where_half_a_pitch_is_passed() -> None:
 
 
 def test_where_a_tracker_holds_is_said_in_words() -> None:
-    def cell(value: float, right: float) -> Cell:
-        return Cell("mine", "noise", value, 4, right, 0.1, 0, "")
+    def cell(value: float, right: float) -> TrackCell:
+        return TrackCell("mine", "noise", value, 4, right, 0.1, 0, "")
 
     for curve, value, note in (
         ([cell(1.0, 99.0), cell(2.0, 96.0), cell(4.0, 80.0)], 2.0, "fails at 4"),
@@ -87,7 +87,7 @@ def test_where_a_tracker_holds_is_said_in_words() -> None:
 
 def test_refused_frames_do_not_stop_the_others() -> None:
     trackers: dict[str, Choice] = {"refusing": Refusing, "constant": "constant"}
-    found = cells(Setting("noise", 2.0, 1, trackers))
+    found = cells(TrackCondition("noise", 2.0, 1, trackers))
     assert [cell.right_percent > 0.0 for cell in found] == [False, True]
     assert "does not like" in found[0].note
     json.dumps(report(found).as_json(), allow_nan=False)

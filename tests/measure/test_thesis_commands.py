@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.model.chain_map import Cell, Grid, Group, cells, settings
+from benchmarks.model.chain_map import ChainCell, ChainGroup, Grid, cells, settings
 from chromagrip.errors import UserError
 from chromagrip.measure.reproduce.parts import Plan, reproduce
 from chromagrip.model import ContactObject, Fingertip
@@ -49,7 +49,7 @@ def test_explicit_methods_fail_where_theory_says_and_the_default_does_not(method
         steps={"implicit": (1e-3, 1e-2), method: (0.9, 1.5)},
         budget=20_000,
     )
-    group = Group(tuple(settings(small)), small.budget)
+    group = ChainGroup(tuple(settings(small)), small.budget)
     found = {(cell.method, cell.step_s < cell.limit_s): cell for cell in cells(group)}
     assert found[method, True].outcome == "accurate"
     assert found[method, False].outcome in ("chattering", "diverged", "inaccurate")
@@ -59,8 +59,8 @@ def test_explicit_methods_fail_where_theory_says_and_the_default_does_not(method
 
 def test_a_cell_too_costly_for_the_budget_is_not_run() -> None:
     plan = Grid(nodes=(21,), stiffness=(1e6,), steps={"rk4": (0.5,)}, budget=10)
-    (cell,) = cells(Group(tuple(settings(plan)), plan.budget))
-    assert isinstance(cell, Cell)
+    (cell,) = cells(ChainGroup(tuple(settings(plan)), plan.budget))
+    assert isinstance(cell, ChainCell)
     assert cell.outcome == "not run"
     assert "too many evaluations" in cell.note
 

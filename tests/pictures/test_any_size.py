@@ -99,6 +99,7 @@ def test_a_border_is_told_from_dark_housing(name: str, noise: float) -> None:
         assert (abs(_without_border(coded) - inner) <= 16).all()
 
 
+@pytest.mark.slow
 def test_a_scaled_crop_is_scaled_back(rest: Image) -> None:
     crop = around(scaled(rest, 1.7)[:, 136:952], 10, 30, 0, 40, 255)
     fit = fitting(crop, SENSOR)

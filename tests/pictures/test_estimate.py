@@ -136,6 +136,7 @@ def column(out: Path, name: str) -> np.ndarray:
     return np.array([np.nan if v is None else v for v in values], dtype=float)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.5, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_pictures_of_another_size_are_scaled_to_the_sensors(scale: float, tmp_path: Path) -> None:
     """The same lens on a chip with smaller pixels, each with the same noise."""
@@ -204,6 +205,7 @@ def bordered(image: np.ndarray, around: int, level: int) -> np.ndarray:
     return np.asarray(cv2.copyMakeBorder(image, *side, cv2.BORDER_CONSTANT, value=[level] * 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "placed", "reach"),
     [

@@ -161,6 +161,7 @@ def from_middle(pixels: np.ndarray) -> np.ndarray:
     return np.linalg.norm(pixels - [319.5, 239.5], axis=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "pictures", ["brute force", pytest.param("pyrender", marks=pytest.mark.slow)]
 )

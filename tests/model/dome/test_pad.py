@@ -198,6 +198,7 @@ def test_a_ball_on_a_thick_pad() -> None:
         assert found == pytest.approx(share * hertz, rel=0.012)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "law"),
     [

@@ -105,6 +105,7 @@ def test_a_camera_is_turned_by_the_tilt_and_then_by_the_roll(tilt: tuple[float, 
     np.testing.assert_allclose(turn_matrix(0.7, tilt), turned.as_matrix(), atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("roll_deg", "scale", "shift"),
     [

@@ -47,7 +47,7 @@ Scores = dict[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class ControlRun:
     """A run of one controller.
 
     Attributes
@@ -144,7 +144,7 @@ TARGETS: dict[tuple[str, str, str], Bounds] = {
 
 
 @study("bench", "control", method="controller")
-def control_study(asked: Asked) -> Study[Task, Scores | str]:
+def control_study(asked: Asked) -> Study[ControlRun, Scores | str]:
     """Controllers in scenes beyond the thesis and with the 27 objects, on both paths.
 
     Rows are `scene/path/controller/score`, their worst, and those of sets of objects. A quick run
@@ -161,10 +161,10 @@ def control_study(asked: Asked) -> Study[Task, Scores | str]:
     )
 
 
-def report_of(results: Results[Task, Scores | str]) -> Report:
+def report_of(results: Results[ControlRun, Scores | str]) -> Report:
     """Report of runs."""
     runs: dict[tuple[str, str, str], list[Scores | str]] = {}
-    beyond: list[tuple[Task, Scores]] = []
+    beyond: list[tuple[ControlRun, Scores]] = []
     for task, result in results:
         runs.setdefault((task.group, task.path, task.controller), []).append(result)
         if task.group == "beyond" and not isinstance(result, str):
@@ -179,7 +179,7 @@ def report_of(results: Results[Task, Scores | str]) -> Report:
     return Report(rows=tuple(rows), tables=(matrix(rows),), notes=NOTES)
 
 
-def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[Task]:
+def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[ControlRun]:
     """Runs of a bench, in the order of its rows.
 
     Parameters
@@ -203,7 +203,7 @@ def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[Task]:
     judged = {(name, group) for name, group, _ in TARGETS}
     judged |= {(name, "beyond") for name in JUDGED_BEYOND}
     return [
-        Task(
+        ControlRun(
             group=group,
             path=path,
             controller=name,
@@ -224,7 +224,7 @@ def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[Task]:
     ]
 
 
-def score_run(task: Task) -> Scores | str:
+def score_run(task: ControlRun) -> Scores | str:
     """Scores of a run, or the reason why there are none."""
     try:
         scene = load_scene(task.scene, dict(task.changes))
@@ -244,7 +244,7 @@ def _run_with(index: int, scene: Scene) -> Result:
     return Result(scene=scene, summary={}, trace=make_trace(lines), folder=None)
 
 
-def beyond_rows(runs: Sequence[tuple[Task, Mapping[str, float]]]) -> list[Row]:
+def beyond_rows(runs: Sequence[tuple[ControlRun, Mapping[str, float]]]) -> list[Row]:
     """Slip by camera against that of the truth path, and the intervals of Γ over time."""
     held = {_case(task): run["displacement"] for task, run in runs if task.path == "truth"}
     slips: dict[str, list[tuple[float, float]]] = {}
@@ -258,7 +258,7 @@ def beyond_rows(runs: Sequence[tuple[Task, Mapping[str, float]]]) -> list[Row]:
     return slip_rows(slips) + coverage_rows(counted) if counted else []
 
 
-def _case(task: Task) -> str:
+def _case(task: ControlRun) -> str:
     """Changes of a task but for its path and seed."""
     changes = {key: value for key, value in task.changes.items() if key not in ("path", "seed")}
     return repr(sorted(changes.items()))

@@ -42,7 +42,7 @@ _TURNS = {
 _OUTCOMES = ("held", "dropped", "turned", "crushed")
 
 
-class Task(NamedTuple):
+class LiftRun(NamedTuple):
     """A run: scene, path, who controls, number of the object (None is the scene's), seed."""
 
     scene: str
@@ -108,7 +108,7 @@ def mass_of(thing: int) -> float:
 
 
 @study("bench", "control", worlds=("pinch",), method="controller")
-def pinch_study(asked: Asked) -> Study[Task, Outcome | str]:
+def pinch_study(asked: Asked) -> Study[LiftRun, Outcome | str]:
     """Controllers of two fingers that lift objects, beside the constant grip that holds them.
 
     Rows are `SCENE/PATH/CONTROLLER/score`. A quick run has three objects on the truth path, without
@@ -128,48 +128,48 @@ def pinch_study(asked: Asked) -> Study[Task, Outcome | str]:
 
 
 def larger_grips(
-    runs: Mapping[Task, Outcome | str], scenes: Sequence[str], things: Sequence[int]
-) -> list[Task]:
+    runs: Mapping[LiftRun, Outcome | str], scenes: Sequence[str], things: Sequence[int]
+) -> list[LiftRun]:
     """Runs with the next of GRIPS in each scene in which the last one did not lift every object."""
-    todo: list[Task] = []
+    todo: list[LiftRun] = []
     for scene in scenes:
         tried = grips_of(runs, scene)
         if len(tried) < len(GRIPS) and not (tried and _lifts_all(runs, scene, tried[-1])):
             grip = GRIPS[len(tried)]
-            todo += [Task(scene, "truth", CONSTANT, thing, 0, grip) for thing in things]
+            todo += [LiftRun(scene, "truth", CONSTANT, thing, 0, grip) for thing in things]
     return todo
 
 
-def grips_of(runs: Mapping[Task, Outcome | str], scene: str) -> list[float]:
+def grips_of(runs: Mapping[LiftRun, Outcome | str], scene: str) -> list[float]:
     """Constant grips that were tried in a scene, the smallest first [N]."""
     return sorted({task.grip for task in runs if task.scene == scene and task.grip is not None})
 
 
-def _lifts_all(runs: Mapping[Task, Outcome | str], scene: str, grip: float) -> bool:
+def _lifts_all(runs: Mapping[LiftRun, Outcome | str], scene: str, grip: float) -> bool:
     """Whether a constant grip [N] lifts every object."""
     mine = [run for task, run in runs.items() if (task.scene, task.grip) == (scene, grip)]
     return all(isinstance(run, Outcome) and run.outcome == "held" for run in mine)
 
 
-def tasks(quick: bool, names: Sequence[str]) -> list[Task]:
+def tasks(quick: bool, names: Sequence[str]) -> list[LiftRun]:
     """Runs of all but the constant grip."""
     things = _things(quick)
-    todo = [Task(LIFT, "truth", name, thing, 0) for name in names for thing in things]
+    todo = [LiftRun(LIFT, "truth", name, thing, 0) for name in names for thing in things]
     if quick:
         return todo
-    todo += [Task(WEIGHTS, "truth", name, thing, 0) for name in names for thing in things]
-    todo += [Task(scene, "truth", name, None, 0) for scene in OTHERS for name in names]
+    todo += [LiftRun(WEIGHTS, "truth", name, thing, 0) for name in names for thing in things]
+    todo += [LiftRun(scene, "truth", name, None, 0) for scene in OTHERS for name in names]
     if "safety-margin" in names:
-        todo.append(Task(OFFCENTRE, "truth", FRICTION_ONLY, None, 0))
+        todo.append(LiftRun(OFFCENTRE, "truth", FRICTION_ONLY, None, 0))
     if SEEN in names:
         todo += [
-            Task(scene, "camera", SEEN, thing, seed)
+            LiftRun(scene, "camera", SEEN, thing, seed)
             for scene, seeds in ((LIFT, SEEDS), (WEIGHTS, 1))
             for seed in range(seeds)
             for thing in things
         ]
     if TORSION in names:
-        todo += [Task(scene, "camera", TORSION, None, 0) for scene in OTHERS]
+        todo += [LiftRun(scene, "camera", TORSION, None, 0) for scene in OTHERS]
     return todo
 
 
@@ -177,7 +177,7 @@ def _things(quick: bool) -> Sequence[int]:
     return (0, 13, 26) if quick else range(len(OBJECTS))
 
 
-def outcome_of(task: Task) -> Outcome | str:
+def outcome_of(task: LiftRun) -> Outcome | str:
     """What a run came to, or why it stopped."""
     changes: dict[str, Any] = {"path": task.path, "seed": task.seed}
     if task.thing is not None:
@@ -209,7 +209,7 @@ def outcome_of(task: Task) -> Outcome | str:
     )
 
 
-def report_of(runs: Mapping[Task, Outcome | str], scenes: Sequence[str]) -> Report:
+def report_of(runs: Mapping[LiftRun, Outcome | str], scenes: Sequence[str]) -> Report:
     """Report of runs; of the constant grips of these scenes, that of the last one tried."""
     grips: dict[str, float | None] = {}
     last = {scene: grips_of(runs, scene)[-1] for scene in scenes}

@@ -44,7 +44,7 @@ from .force_beyond import (
     law_table,
     told_by_constant,
 )
-from .force_sets import Measured, Task, by_set, choose, measure_grasp, set_name, tasks
+from .force_sets import GraspTask, Measured, by_set, choose, measure_grasp, set_name, tasks
 
 Array = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ _BOUNDS: dict[tuple[str, str, str], tuple[float, float]] = {
                 **{f"{q}_coverage": (85.0, 95.0) for q in QUANTITIES},
                 **{f"{q}_width": (0.0, 2.0) for q in QUANTITIES},
                 "flagged": (0.0, 1.0),
-                "wrong": (0.0, 0.0),
+                "far_off": (0.0, 0.0),
             },
             "matched-conservative": {"margin_rms": (0.0, 0.03)},
             "mismatched": {
@@ -104,7 +104,7 @@ _BOUNDS: dict[tuple[str, str, str], tuple[float, float]] = {
                 "margin_near_rms": (0.0, 0.10),
                 **{f"{q}_coverage": (80.0, 100.0) for q in QUANTITIES},
                 "flagged": (0.0, 5.0),
-                "wrong": (0.0, 0.0),
+                "far_off": (0.0, 0.0),
             },
             "mismatched-objects": {"margin_rms": (0.0, 0.10)},
             "mismatched-conservative": {"margin_rms": (0.0, 0.05)},
@@ -135,7 +135,7 @@ class Speed(NamedTuple):
     parts=tuple(GROUPS),
     of_parts="group",
 )
-def force_study(asked: Asked) -> Study[Task | Speed, Measured | Times]:
+def force_study(asked: Asked) -> Study[GraspTask | Speed, Measured | Times]:
     """Reconstructors on the chain's pictures: matched, mismatched, and beyond their training.
 
     Rows are `set/read/reconstructor/score`, and the speed of each where no world is chosen. A quick
@@ -157,20 +157,20 @@ def force_study(asked: Asked) -> Study[Task | Speed, Measured | Times]:
     )
 
 
-def measure_force(setting: Task | Speed) -> Measured | Times:
+def measure_force(setting: GraspTask | Speed) -> Measured | Times:
     """What reconstructors read in a grasp, or how long they take."""
-    if isinstance(setting, Task):
+    if isinstance(setting, GraspTask):
         return measure_grasp(setting)
     return list(times(setting.reconstructors, timed_scenes(), setting.turns).items())
 
 
-def force_words(setting: Task | Speed) -> str:
+def force_words(setting: GraspTask | Speed) -> str:
     """A setting in words."""
     return "speed" if isinstance(setting, Speed) else set_name(setting.world, setting.kind)
 
 
 def _report(
-    results: Results[Task | Speed, Measured | Times],
+    results: Results[GraspTask | Speed, Measured | Times],
     chosen: Mapping[str, Choice],
     problem: str | None,
 ) -> Report:
@@ -181,7 +181,7 @@ def _report(
         [
             (task, found)
             for task, found in results
-            if isinstance(task, Task) and isinstance(found, Measured)
+            if isinstance(task, GraspTask) and isinstance(found, Measured)
         ]
     )
     beyond = {name: found for name, found in sets.items() if name.startswith(BEYOND)}
@@ -269,7 +269,7 @@ _COLUMNS = (
     ("Γ controlled", "-controlled", "margin_rms", ".3f"),
     ("Γ 5 N", "-conservative", "margin_rms", ".3f"),
     ("flagged %", "", "flagged", ".1f"),
-    ("wrong %", "", "wrong", ".1f"),
+    ("far off %", "", "far_off", ".1f"),
 )
 
 
@@ -320,6 +320,6 @@ _NOTES = (
     "the first one after rest. `0.1s`: the last of ten frames in 0.1 s of a grasp at rest.",
     "Γ≈0.3: grasps of the library with Γ in 0.2…0.4. Γ objects: the 27 objects at Γ = 0.3. Γ "
     "controlled: grasps of Safety Margin Control. Γ 5 N: Conservative Control.",
-    "wrong: ΣFn or µ is off by more than half of itself, or Γ by more than 0.5, without a flag. "
+    "far off: ΣFn or µ is off by more than half of itself, or Γ by more than 0.5, without a flag. "
     "constant: the mean of each set, which is the best answer that uses no image.",
 )

@@ -15,8 +15,8 @@ from ..worlds.dome.sets import (
     FREE,
     NEXT,
     SOFT,
-    Result,
-    Task,
+    DomeResult,
+    DomeTask,
     by_set,
     counts_of,
     measure_scene,
@@ -79,7 +79,7 @@ def _bounds(design: str, kind: str) -> dict[str, Bounds]:
     parts=DOME_GROUPS,
     of_parts="group",
 )
-def dome_study(asked: Asked) -> Study[Task, Result]:
+def dome_study(asked: Asked) -> Study[DomeTask, DomeResult]:
     """Estimators on pictures of domes of silicone, on scenes of which the chain made none.
 
     Rows are `dome/DESIGN/SET/score`. Those of another estimator than `contact` have its name before
@@ -91,13 +91,13 @@ def dome_study(asked: Asked) -> Study[Task, Result]:
     return Study(
         settings=tasks(counts_of(asked.quick, asked.only), own),
         measure=measure_scene,
-        result=Result,
+        result=DomeResult,
         report=lambda results: report_of(by_set(results)),
         words=lambda task: f"{task.design}, {task.kind}",
     )
 
 
-def report_of(sets: Mapping[tuple[str, str], Result]) -> Report:
+def report_of(sets: Mapping[tuple[str, str], DomeResult]) -> Report:
     """Report of measured sets, by design and set."""
     rows = [row for (design, kind), result in sets.items() for row in _rows(design, kind, result)]
     mine = {key: result for key, result in sets.items() if key[0] != DESIGN or key[1] == SOFT}
@@ -109,7 +109,7 @@ def report_of(sets: Mapping[tuple[str, str], Result]) -> Report:
     )
 
 
-def _rows(design: str, kind: str, result: Result) -> Iterator[Row]:
+def _rows(design: str, kind: str, result: DomeResult) -> Iterator[Row]:
     guess = constant(result.true, result.side)
     guessed = scores(guess, result.true, result.side)
     for method, reading in {CONSTANT: guess, **result.readings}.items():
@@ -148,7 +148,7 @@ _SETS = (
 )
 
 
-def set_table(rows: Sequence[Row], sets: Mapping[tuple[str, str], Result]) -> Table:
+def set_table(rows: Sequence[Row], sets: Mapping[tuple[str, str], DomeResult]) -> Table:
     """RMS errors of each set of the designs that `contact` reads."""
     found = values(rows)
     lines = [
@@ -163,7 +163,7 @@ def set_table(rows: Sequence[Row], sets: Mapping[tuple[str, str], Result]) -> Ta
     return Table(("design, set", *(heading for heading, *_ in _SETS)), tuple(lines), title)
 
 
-def quantity_table(rows: Sequence[Row], sets: Mapping[tuple[str, str], Result]) -> Table:
+def quantity_table(rows: Sequence[Row], sets: Mapping[tuple[str, str], DomeResult]) -> Table:
     """Whether the intervals of each set hold."""
     found = values(rows)
     quantities = {"normal": "ΣFn", "friction": "ΣFf", "mu": "µ", "margin": "Γ"}
@@ -196,7 +196,7 @@ _ACROSS = (
 )
 
 
-def across_table(rows: Sequence[Row], sets: Mapping[tuple[str, str], Result]) -> Table:
+def across_table(rows: Sequence[Row], sets: Mapping[tuple[str, str], DomeResult]) -> Table:
     """All estimators in all worlds, of the design of the thesis."""
     found = values(rows)
     worlds = [world for world in WORLDS if (DESIGN, world) in sets]

@@ -24,7 +24,7 @@ _STRIDE = 10
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class GraspTask:
     """One grasp to make, and the reconstructors that read it.
 
     Attributes
@@ -79,7 +79,7 @@ def choose(asked: Asked, usual: Sequence[Choice] = ()) -> dict[str, Choice]:
 
 def tasks(
     counts: Mapping[tuple[str, str], int], reconstructors: Mapping[str, Choice], limited: int
-) -> list[Task]:
+) -> list[GraspTask]:
     """Grasps of some sets. Those of the world `beyond` are its groups.
 
     Parameters
@@ -89,7 +89,7 @@ def tasks(
     limited: number of grasps of the matched library whose limits are computed, the first ones
     """
     return [
-        Task(
+        GraspTask(
             world=world,
             kind=kind,
             index=k if kind == LIBRARY or world == BEYOND else k * _STRIDE % len(OBJECTS),
@@ -101,7 +101,7 @@ def tasks(
     ]
 
 
-def by_set(results: Results[Task, Measured]) -> dict[str, Measured]:
+def by_set(results: Results[GraspTask, Measured]) -> dict[str, Measured]:
     """Results of the grasps of each set, by `set_name`."""
     sets: dict[str, list[Measured]] = {}
     for task, result in results:
@@ -125,7 +125,7 @@ def joined(parts: Sequence[Measured]) -> Measured:
     )
 
 
-def measure_grasp(task: Task) -> Measured:
+def measure_grasp(task: GraspTask) -> Measured:
     """Make a grasp and let every reconstructor read it."""
     if task.world == BEYOND:
         made = beyond_scenes(task.kind, task.index)
@@ -134,7 +134,7 @@ def measure_grasp(task: Task) -> Measured:
     return joined([_measure_scene(task, scene) for scene in made])
 
 
-def _measure_scene(task: Task, scene: ForceScene) -> Measured:
+def _measure_scene(task: GraspTask, scene: ForceScene) -> Measured:
     estimates: dict[str, dict[str, Answers]] = {read: {} for read in READ}
     for name, choice in task.reconstructors.items():
         try:

@@ -11,7 +11,7 @@ from ...scene.scene import load_scene
 from ..study import Asked, Study, controllers_of, study
 
 
-class Run(NamedTuple):
+class LoopRun(NamedTuple):
     """A run of the experiment.
 
     Attributes
@@ -27,20 +27,20 @@ class Run(NamedTuple):
 
 
 @study("bench", "loop", method="controller")
-def loop_study(asked: Asked) -> Study[Run, tuple[Row, ...]]:
+def loop_study(asked: Asked) -> Study[LoopRun, tuple[Row, ...]]:
     """The thesis's experiment in the closed loop: margins and slips on both paths.
 
     A quick run leaves out the 1000 Hz run through the camera and the mesh renderer. Controllers
     that are chosen are run in the same scenes.
     """
     own = controllers_of(asked, "thesis", ())
-    runs = [Run("truth", "thesis", name) for name in (*_TRUTH, *own)]
-    runs.append(Run("camera", "camera-100hz", "safety-margin", "painter"))
+    runs = [LoopRun("truth", "thesis", name) for name in (*_TRUTH, *own)]
+    runs.append(LoopRun("camera", "camera-100hz", "safety-margin", "painter"))
     if not asked.quick:
-        runs.append(Run("camera", "camera-100hz", "safety-margin", "pyrender"))
-        runs.append(Run("camera", "thesis", "safety-margin", "painter"))
+        runs.append(LoopRun("camera", "camera-100hz", "safety-margin", "pyrender"))
+        runs.append(LoopRun("camera", "thesis", "safety-margin", "painter"))
     others = ("react-to-slip", "conservative", *own)
-    runs += [Run("camera", "camera-100hz", name) for name in others]
+    runs += [LoopRun("camera", "camera-100hz", name) for name in others]
     return Study(
         settings=runs,
         measure=rows_of,
@@ -50,14 +50,14 @@ def loop_study(asked: Asked) -> Study[Run, tuple[Row, ...]]:
     )
 
 
-def rows_of(setting: Run) -> tuple[Row, ...]:
+def rows_of(setting: LoopRun) -> tuple[Row, ...]:
     """Figures of a run."""
     if setting.path == "truth":
         return tuple(_TRUTH.get(setting.controller, _reported)(setting))
     return tuple(_margins(setting) if setting.renderer else _reported(setting))
 
 
-def _reported(setting: Run) -> Iterator[Row]:
+def _reported(setting: LoopRun) -> Iterator[Row]:
     """Figures of a run without targets."""
     changes = {"path": setting.path, "controller": setting.controller}
     summary = run(load_scene(setting.scene, changes)).summary
@@ -69,14 +69,14 @@ def _reported(setting: Run) -> Iterator[Row]:
     yield reported((*case, "displacement"), summary["lateral_displacement_mm"], "mm")
 
 
-def _safety_margin(setting: Run) -> Iterator[Row]:
+def _safety_margin(setting: LoopRun) -> Iterator[Row]:
     summary = _on_truth(setting).summary
     case, slip = ("truth", "safety-margin"), summary["lateral_displacement_mm"]
     yield within((*case, "final_margin"), summary["final_margin_true"], "", 0.28, 0.32)
     yield within((*case, "displacement"), slip, "mm", 0.0, 0.05)
 
 
-def _react_to_slip(setting: Run) -> Iterator[Row]:
+def _react_to_slip(setting: LoopRun) -> Iterator[Row]:
     summary = _on_truth(setting).summary
     case, slip = ("truth", "react-to-slip"), summary["lateral_displacement_mm"]
     events = summary["slip_reactions"]
@@ -86,7 +86,7 @@ def _react_to_slip(setting: Run) -> Iterator[Row]:
     yield within((*case, "displacement"), slip, "mm", 1.25, 1.35)
 
 
-def _conservative(setting: Run) -> Iterator[Row]:
+def _conservative(setting: LoopRun) -> Iterator[Row]:
     result = _on_truth(setting)
     case, margin = ("truth", "conservative"), result.trace["margin_true"]
     slip = result.summary["lateral_displacement_mm"]
@@ -96,18 +96,18 @@ def _conservative(setting: Run) -> Iterator[Row]:
 
 
 #: Figures of the controllers that the thesis compares, on the truth path.
-_TRUTH: dict[str, Callable[[Run], Iterator[Row]]] = {
+_TRUTH: dict[str, Callable[[LoopRun], Iterator[Row]]] = {
     "safety-margin": _safety_margin,
     "react-to-slip": _react_to_slip,
     "conservative": _conservative,
 }
 
 
-def _on_truth(setting: Run) -> Result:
+def _on_truth(setting: LoopRun) -> Result:
     return run(load_scene(setting.scene, {"path": "truth", "controller": setting.controller}))
 
 
-def _margins(setting: Run) -> Iterator[Row]:
+def _margins(setting: LoopRun) -> Iterator[Row]:
     """Figures of Safety Margin through the camera."""
     case = (setting.scene, setting.renderer)
     if setting.renderer == "pyrender" and (problem := gl_problem()) is not None:

@@ -62,7 +62,7 @@ SETS = {
 }
 
 
-class Task(NamedTuple):
+class DomeGripRun(NamedTuple):
     """A run: set, path, number of the object, seed of specimen and noise, and who controls.
 
     An empty controller is the scene's.
@@ -75,7 +75,7 @@ class Task(NamedTuple):
     controller: str = ""
 
 
-class Grip(NamedTuple):
+class GripOutcome(NamedTuple):
     """What a run came to.
 
     Attributes
@@ -108,7 +108,7 @@ UNITS = {
 
 
 @study("bench", "loop", worlds=("dome",), method="controller")
-def dome_loop_study(asked: Asked) -> Study[Task, Grip | str]:
+def dome_loop_study(asked: Asked) -> Study[DomeGripRun, GripOutcome | str]:
     """Built domes in the closed loop with the 27 objects: what is lost, and how Γ ends.
 
     Rows are `SET/score`, and `SET, CONTROLLER/score` of another controller than the scene's. A
@@ -118,31 +118,31 @@ def dome_loop_study(asked: Asked) -> Study[Task, Grip | str]:
     return Study(
         settings=tasks(asked.quick, ("", *own)),
         measure=grip_of,
-        result=Grip | str,
+        result=GripOutcome | str,
         report=report_of,
         words=lambda task: f"{set_name(task)}, {task.path}",
     )
 
 
-def report_of(results: Results[Task, Grip | str]) -> Report:
+def report_of(results: Results[DomeGripRun, GripOutcome | str]) -> Report:
     """Report of runs."""
-    sets: dict[str, dict[Task, Grip | str]] = {}
+    sets: dict[str, dict[DomeGripRun, GripOutcome | str]] = {}
     for task, grip in results:
         sets.setdefault(set_name(task), {})[task] = grip
     rows = [row for name, runs in sets.items() for row in _rows(name, runs)]
     return Report(rows=tuple(rows), tables=(_table(rows, list(sets)),), notes=NOTES)
 
 
-def set_name(task: Task) -> str:
+def set_name(task: DomeGripRun) -> str:
     """Name of the rows of a set, with the controller where it is not the scene's."""
     return f"{task.name}, {task.controller}" if task.controller else task.name
 
 
-def tasks(quick: bool, controllers: Sequence[str] = ("",)) -> list[Task]:
+def tasks(quick: bool, controllers: Sequence[str] = ("",)) -> list[DomeGripRun]:
     """Runs of all sets; the truth path has no noise and one specimen."""
     objects = _QUICK if quick else range(len(OBJECTS))
     return [
-        Task(name, path, index, seed, controller)
+        DomeGripRun(name, path, index, seed, controller)
         for controller in controllers
         for name, chosen in SETS.items()
         for path, seeds in (("truth", 1), ("camera", 1 if quick else chosen.seeds))
@@ -151,7 +151,7 @@ def tasks(quick: bool, controllers: Sequence[str] = ("",)) -> list[Task]:
     ]
 
 
-def grip_of(task: Task) -> Grip | str:
+def grip_of(task: DomeGripRun) -> GripOutcome | str:
     """What a run came to, or why it stopped."""
     chosen = SETS[task.name]
     changes = {**chosen.changes(task.thing), "path": task.path, "seed": task.seed}
@@ -163,7 +163,7 @@ def grip_of(task: Task) -> Grip | str:
         return str(error)
     margin = float(trace["margin_true"][-1])
     slid = trace["lateral_displacement_mm"][-1] > 1e3 * GROSS_SLIP
-    return Grip(
+    return GripOutcome(
         lost=bool(slid) or not math.isfinite(margin),
         margin=margin,
         force=float(trace["grip_n"][-1]),
@@ -171,7 +171,7 @@ def grip_of(task: Task) -> Grip | str:
     )
 
 
-def _rows(name: str, mine: Mapping[Task, Grip | str]) -> Iterator[Row]:
+def _rows(name: str, mine: Mapping[DomeGripRun, GripOutcome | str]) -> Iterator[Row]:
     """Rows of a set; a run that stopped is lost."""
     gone = {task: isinstance(grip, str) or grip.lost for task, grip in mine.items()}
     hopeless = {task.thing for task in mine if task.path == "truth" and gone[task]}

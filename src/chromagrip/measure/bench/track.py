@@ -87,7 +87,7 @@ _NOTE = (
 )
 
 
-class Part(NamedTuple):
+class TrackPart(NamedTuple):
     """One measurement of trackers.
 
     Attributes
@@ -105,7 +105,7 @@ class Part(NamedTuple):
 
 
 @study("bench", "track", method="tracker", parts=tuple(SCENES), of_parts="scene")
-def track_study(asked: Asked) -> Study[Part, tuple[Row, ...]]:
+def track_study(asked: Asked) -> Study[TrackPart, tuple[Row, ...]]:
     """Every tracker in every scene, as multiples of the physical limit.
 
     Rows are `scene/tracker/score`, and the speed and the bound itself. A quick run has fewer
@@ -118,16 +118,16 @@ def track_study(asked: Asked) -> Study[Part, tuple[Row, ...]]:
     for scene in dict.fromkeys(wanted):
         few = quick and not asked.methods and scene not in _QUICK_ALL
         some = {n: c for n, c in chosen.items() if not few or n in (CONSTANT, DEFAULT_TRACKER)}
-        parts.append(Part("scene", scene, some, QUICK_FRAMES if quick else FRAMES))
+        parts.append(TrackPart("scene", scene, some, QUICK_FRAMES if quick else FRAMES))
     if not asked.only:
         default: dict[str, Choice] = {DEFAULT_TRACKER: DEFAULT_TRACKER}
         if not asked.methods:
             codecs = _QUICK_CODECS if quick else tuple(CODECS)
-            parts += [Part("codec", name, default) for name in codecs]
+            parts += [TrackPart("codec", name, default) for name in codecs]
         moving = asked.chosen([DEFAULT_TRACKER], tracker_class)
-        parts.append(Part("long", "long", moving, QUICK_LONG if quick else LONG))
+        parts.append(TrackPart("long", "long", moving, QUICK_LONG if quick else LONG))
         if not quick:
-            parts += [Part("memory", "clean", {name: each}) for name, each in chosen.items()]
+            parts += [TrackPart("memory", "clean", {name: each}) for name, each in chosen.items()]
     return Study(
         timed=parts,
         measure=rows_of,
@@ -137,12 +137,12 @@ def track_study(asked: Asked) -> Study[Part, tuple[Row, ...]]:
     )
 
 
-def rows_of(part: Part) -> tuple[Row, ...]:
+def rows_of(part: TrackPart) -> tuple[Row, ...]:
     """Figures of one measurement."""
     return tuple(_PARTS[part.kind](part))
 
 
-def report_of(results: Results[Part, tuple[Row, ...]], chosen: Collection[str]) -> Report:
+def report_of(results: Results[TrackPart, tuple[Row, ...]], chosen: Collection[str]) -> Report:
     """Report of all measurements of these trackers."""
     rows = [row for _, found in results for row in found]
     rows += [*_speed(rows, chosen), *_lowest(rows)]
@@ -166,7 +166,7 @@ def choose(asked: Asked) -> dict[str, Choice]:
     return asked.chosen(tracker_names(), tracker_class, (CONSTANT,))
 
 
-def _scene_rows(part: Part) -> Iterator[Row]:
+def _scene_rows(part: TrackPart) -> Iterator[Row]:
     """Every score of trackers in a scene, or the reason why a tracker refused its frames."""
     scene = part.name
     frames = sequence(SCENES[scene], part.frames)
@@ -181,7 +181,7 @@ def _scene_rows(part: Part) -> Iterator[Row]:
             yield measured((scene, name, score), value, UNITS[score], target)
 
 
-def _codec_rows(part: Part) -> Iterator[Row]:
+def _codec_rows(part: TrackPart) -> Iterator[Row]:
     """Errors of the default tracker over what it states, in the scene `clean` after a codec."""
     reason = missing("video")
     if reason is not None and not part.name.startswith("jpeg"):
@@ -195,7 +195,7 @@ def _codec_rows(part: Part) -> Iterator[Row]:
         yield measured(("codec", part.name, score), value, CODEC_UNITS[score], target)
 
 
-def _drifts(part: Part) -> Iterator[Row]:
+def _drifts(part: TrackPart) -> Iterator[Row]:
     """Error of the last frames over that of the first ones, of a motion that repeats itself."""
     noise = SCENES["sway"].noise
     quiet = sequence(replace(SCENES["sway"], noise=0.0), ROUND, limits=False)
@@ -218,14 +218,14 @@ def _drifts(part: Part) -> Iterator[Row]:
         yield within(("long", name, "drift"), ratio, "", 0.9, 1.1, note)
 
 
-def _memory(part: Part) -> Iterator[Row]:
+def _memory(part: TrackPart) -> Iterator[Row]:
     """Largest memory of a process that follows the scene `clean`."""
     for name, choice in part.trackers.items():
         with suppress(UserError):  # refuses it
             yield reported(("clean", name, "memory"), peak_memory(choice), "MB")
 
 
-_PARTS: dict[str, Callable[[Part], Iterator[Row]]] = {
+_PARTS: dict[str, Callable[[TrackPart], Iterator[Row]]] = {
     "scene": _scene_rows,
     "codec": _codec_rows,
     "long": _drifts,

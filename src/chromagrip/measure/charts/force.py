@@ -8,7 +8,7 @@ from ...by_name import Choice
 from ...tracking import METHODS
 from ...tracking.forces import DOME_METHODS
 from ..bench.force import BEST, Speed, Times, force_words, measure_force
-from ..bench.force_sets import Measured, Task, choose, joined, tasks
+from ..bench.force_sets import GraspTask, Measured, choose, joined, tasks
 from ..study import Asked, Results, Study, study
 from ..worlds.force_scores import CONSTANT, READ, UNITS, constant, scores
 from ..worlds.grasps import LIBRARY
@@ -26,7 +26,7 @@ _ERRORS = {"normal_rms": "ΣFn, RMS error [%]", "margin_rms": "Γ, RMS error"}
 
 
 @study("chart", "force", method="reconstructor")
-def force_chart(asked: Asked) -> Study[Task | Speed, Measured | Times]:
+def force_chart(asked: Asked) -> Study[GraspTask | Speed, Measured | Times]:
     """Time per field of each reconstructor against its error, on the chain's matched library.
 
     A quick run has few grasps and, unless they are chosen, only reconstructors of the chain.
@@ -46,7 +46,7 @@ def force_chart(asked: Asked) -> Study[Task | Speed, Measured | Times]:
 
 
 def _chart(
-    results: Results[Task | Speed, Measured | Times], names: Mapping[str, Choice], grasps: int
+    results: Results[GraspTask | Speed, Measured | Times], names: Mapping[str, Choice], grasps: int
 ) -> Chart:
     found = [one for _, one in results if isinstance(one, Measured)]
     measured = joined(found)

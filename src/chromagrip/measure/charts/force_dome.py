@@ -15,8 +15,8 @@ from ..worlds.dome.sets import (
     DESIGNS,
     FREE,
     SOFT,
-    Result,
-    Task,
+    DomeResult,
+    DomeTask,
     by_set,
     measure_scene,
     tasks,
@@ -38,7 +38,7 @@ _OTHERS: dict[str, tuple[str, ...]] = {
 
 
 @study("chart", "force", worlds=("dome",), method="reconstructor")
-def dome_chart(asked: Asked) -> Study[Task, Result]:
+def dome_chart(asked: Asked) -> Study[DomeTask, DomeResult]:
     """Time per field of each reconstructor against its error, on pictures of domes of silicone.
 
     All are compared on one design, those of domes on others too. A quick run has few scenes of one
@@ -52,13 +52,13 @@ def dome_chart(asked: Asked) -> Study[Task, Result]:
     return chart_study(
         lambda results: _chart(by_set(results), count),
         measure_scene,
-        Result,
+        DomeResult,
         settings=wanted,
         words=lambda task: f"{task.design}, {task.kind}",
     )
 
 
-def _chart(sets: Mapping[tuple[str, str], Result], count: int) -> Chart:
+def _chart(sets: Mapping[tuple[str, str], DomeResult], count: int) -> Chart:
     result = sets[DESIGN, SOFT]
     guess = beyond_scores(constant(result.true, result.side).answers, result.true)
     peers: dict[str, list[Peer]] = {key: [] for key in _ERRORS}

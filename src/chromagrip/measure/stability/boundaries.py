@@ -12,7 +12,7 @@ from ...control import GripObservation, SafetyMarginControl, SafetyMarginSetting
 from ...model import ContactObject, Fingertip, State, contact_forces, step
 from ...output.report import Row, within
 from ...sensing.observers import TruthObserver
-from .cells import FIRST_LOAD, MARGIN, Cell, Setting, plant
+from .cells import FIRST_LOAD, MARGIN, LoopCell, LoopSetting, plant
 from .linear import critical_gain, critical_period, held
 from .maps import Map
 
@@ -60,7 +60,9 @@ class Boundary:
 
 
 def boundaries(
-    plan: Mapping[str, Map], done: Mapping[Setting, Cell], onsets: Mapping[Setting, float]
+    plan: Mapping[str, Map],
+    done: Mapping[LoopSetting, LoopCell],
+    onsets: Mapping[LoopSetting, float],
 ) -> Iterator[Boundary]:
     """Boundaries of the maps of rate and latency, and of gains.
 
@@ -94,7 +96,7 @@ def boundaries(
                 yield _between(panel.title, *pair)
 
 
-def crossing(cells: Sequence[Cell]) -> tuple[Cell, Cell] | None:
+def crossing(cells: Sequence[LoopCell]) -> tuple[LoopCell, LoopCell] | None:
     """Last cell of a line that comes to rest, and the next, which swings.
 
     None where the line does not cross from rest to swinging.
@@ -106,7 +108,7 @@ def crossing(cells: Sequence[Cell]) -> tuple[Cell, Cell] | None:
     return cells[first - 1], cells[first]
 
 
-def _between(panel: str, rests: Cell, swings: Cell) -> Boundary:
+def _between(panel: str, rests: LoopCell, swings: LoopCell) -> Boundary:
     """Boundary half-way between two cells of the map of gains."""
     kp = (rests.proportional_n, swings.proportional_n)
     ki = (rests.integral_n_per_s, swings.integral_n_per_s)
@@ -168,7 +170,7 @@ def _range(delays: Iterable[float]) -> str:
     return known[0] if known[0] == known[-1] else f"{known[0]} to {known[-1]}"
 
 
-def onset(setting: Setting) -> float:
+def onset(setting: LoopSetting) -> float:
     """Shortest period at which a small disturbance grows, on the node model [s].
 
     NaN where it grows, or does not, at every period around the predicted one.
@@ -186,7 +188,12 @@ def onset(setting: Setting) -> float:
 
 
 def _grows(
-    setting: Setting, tip: Fingertip, obj: ContactObject, state: State, grip: float, period: float
+    setting: LoopSetting,
+    tip: Fingertip,
+    obj: ContactObject,
+    state: State,
+    grip: float,
+    period: float,
 ) -> bool:
     """Whether the margin is further off at the end than the disturbance itself moved it."""
     gains = SafetyMarginSettings(

@@ -47,7 +47,7 @@ MARGIN = DESIRED_MARGIN
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setting:
+class LoopSetting:
     """Setting of a run; the defaults are the thesis's validation experiment.
 
     Attributes
@@ -102,13 +102,13 @@ class Setting:
         """Whether the linearised loop is that of its controller."""
         return self.controller == "safety-margin"
 
-    def through_camera(self) -> "Setting":
+    def through_camera(self) -> "LoopSetting":
         """The same through the camera, without stated noise."""
         return replace(self, path="camera", margin_noise=0.0)
 
-    def on_truth_path(self) -> "Setting":
+    def on_truth_path(self) -> "LoopSetting":
         """The same on the truth path, with the default noise."""
-        return replace(self, path="truth", margin_noise=Setting().margin_noise)
+        return replace(self, path="truth", margin_noise=LoopSetting().margin_noise)
 
     def linear(self) -> LinearLoop:
         """The loop linearised where its gain is largest: at the first, lighter load."""
@@ -122,7 +122,7 @@ class Setting:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cell(Setting):
+class LoopCell(LoopSetting):
     """A run and its outcome; NaN where there is nothing to measure.
 
     Attributes
@@ -145,9 +145,11 @@ class Cell(Setting):
     note: str = ""
 
     @property
-    def setting(self) -> Setting:
+    def setting(self) -> LoopSetting:
         """Setting of the run."""
-        return Setting(**{field.name: getattr(self, field.name) for field in fields(Setting)})
+        return LoopSetting(
+            **{field.name: getattr(self, field.name) for field in fields(LoopSetting)}
+        )
 
     @property
     def swings(self) -> bool:
@@ -158,23 +160,23 @@ class Cell(Setting):
 @cache
 def plant(friction: float, stiffness_kpa: float, radius_mm: float) -> Plant:
     """Plant of the loop with that object under the first load at the desired margin."""
-    scene = Setting(friction=friction, stiffness_kpa=stiffness_kpa, radius_mm=radius_mm).scene()
+    scene = LoopSetting(friction=friction, stiffness_kpa=stiffness_kpa, radius_mm=radius_mm).scene()
     return plant_of(scene.build_fingertip(), scene.build_object(), FIRST_LOAD, MARGIN)
 
 
-def cell(setting: Setting) -> Cell:
+def cell(setting: LoopSetting) -> LoopCell:
     """Run a setting and judge it."""
     root = largest_root(setting.linear()) if setting.predicted else np.nan
     try:
         trace = _run(setting.scene())
     except UserError as stopped:
-        return Cell(**vars(setting), outcome="no answer", root=root, note=str(stopped))
+        return LoopCell(**vars(setting), outcome="no answer", root=root, note=str(stopped))
     loaded = trace["time_s"] > LOAD_TIMES_S[0]
     displacement = float(trace["lateral_displacement_mm"].max())
     margin_min = float(np.nanmin(trace["margin_true"][loaded]))
     largest_swing = max(swing(trace, end) for end in (LOAD_TIMES_S[1], DURATION_S))
     pressure = float(np.nanmax(trace["pressure_pitch_n_per_m"]))
-    return Cell(
+    return LoopCell(
         **vars(setting),
         outcome=outcome(displacement, margin_min, largest_swing, pressure),
         displacement_mm=displacement,
@@ -196,7 +198,7 @@ def _run(scene: Scene) -> Trace:
 @cache
 def _unused_camera() -> SimulatedCamera:
     """Camera for the truth path, which uses none; opening one takes longer than some runs."""
-    return open_camera(Setting().scene())
+    return open_camera(LoopSetting().scene())
 
 
 def outcome(

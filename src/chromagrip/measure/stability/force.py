@@ -55,7 +55,7 @@ READERS: dict[str, tuple[float, tuple[str, ...]]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class GripCase:
     """A grip of a sensor, and what is off in it.
 
     Attributes
@@ -82,7 +82,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Dial:
-    """One condition that is changed: the field of `Case` of its name.
+    """One condition that is changed: the field of `GripCase` of its name.
 
     Attributes
     ----------
@@ -93,14 +93,14 @@ class Dial:
 
     label: str
     values: tuple[float | str, ...]
-    base: Case = Case()
+    base: GripCase = GripCase()
 
 
 DIALS = {
     "noise": Dial("noise [grey levels]", (1.0, 2.0, 4.0, 8.0, 16.0)),
     "grip": Dial("grip over the usual", (0.03, 0.1, 0.3, 1.0, 3.0)),
     "ball": Dial("radius of the ball over the dome's", (math.inf, 2.0, 1.0, 0.5, 0.25, 0.12)),
-    "tilt": Dial("tilt of a plane [°]", (0.0, 5.0, 10.0, 20.0, 30.0), Case(ball=math.inf)),
+    "tilt": Dial("tilt of a plane [°]", (0.0, 5.0, 10.0, 20.0, 30.0), GripCase(ball=math.inf)),
     "modulus": Dial("E of the object [kPa]", (30.0, 100.0, 300.0, 1000.0, 10000.0)),
     "friction": Dial("µ", (0.1, 0.2, 0.5, 0.9, 1.5)),
     "young": Dial("E of the silicone over what is told", (0.7, 0.9, 1.0, 1.1, 1.3)),
@@ -112,7 +112,7 @@ QUICK: dict[str, tuple[float | str, ...]] = {"noise": (8.0,), "shape": ("ball", 
 _AZIMUTH = 30.0
 
 
-class Setting(NamedTuple):
+class ForceCondition(NamedTuple):
     """Design, dial, its value in words, and the reconstructors that read it by name."""
 
     design: str
@@ -122,7 +122,7 @@ class Setting(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Cell:
+class ForceCell:
     """One reconstructor at one value of one dial; NaN where no frame was read.
 
     Attributes
@@ -149,7 +149,7 @@ class Cell:
 
 
 @study("stability", "force", method="reconstructor")
-def force_map(asked: Asked) -> Study[Setting, list[Cell]]:
+def force_map(asked: Asked) -> Study[ForceCondition, list[ForceCell]]:
     """Reconstructors on pictures of domes over one condition at a time.
 
     Those that are chosen are shown beside ours. A quick map has a few values of two conditions, of
@@ -160,27 +160,29 @@ def force_map(asked: Asked) -> Study[Setting, list[Cell]]:
     return map_study(
         "map",
         [
-            Setting(design, dial, text_of(value), {**{name: name for name in methods}, **own})
+            ForceCondition(
+                design, dial, text_of(value), {**{name: name for name in methods}, **own}
+            )
             for dial, values in dials.items()
             for value in values
             for design, (_, methods) in list(READERS.items())[: 1 if asked.quick else None]
         ],
         cells,
-        Cell,
+        ForceCell,
         report,
         partial(draw_force, quick=asked.quick),
         words=lambda one: f"{one.design}, {one.dial} {one.value}",
     )
 
 
-def case_of(dial: str, value: str) -> Case:
+def case_of(dial: str, value: str) -> GripCase:
     """Case at a value of a dial."""
     known = next(one for one in DIALS[dial].values if text_of(one) == value)
     changed: dict[str, Any] = {dial: known}
     return replace(DIALS[dial].base, **changed)
 
 
-def cells(setting: Setting) -> list[Cell]:
+def cells(setting: ForceCondition) -> list[ForceCell]:
     """Make the scene of a setting, and let the reconstructors read it."""
     design, dial, value, methods = setting
     try:
@@ -189,14 +191,14 @@ def cells(setting: Setting) -> list[Cell]:
             raise UserError("the object slides off")
     except UserError as error:
         lost = ("not held", math.nan, math.nan, 0, 0, str(error))
-        return [Cell(design, name, dial, value, *lost) for name in methods]
+        return [ForceCell(design, name, dial, value, *lost) for name in methods]
     return [
-        Cell(design, name, dial, value, *judged(read(method, watched), watched.true), "")
+        ForceCell(design, name, dial, value, *judged(read(method, watched), watched.true), "")
         for name, method in methods.items()
     ]
 
 
-def _watched(design: str, case: Case) -> Watched:
+def _watched(design: str, case: GripCase) -> Watched:
     """Pictures of a case, with the truth in its frames."""
     made = matched(design)
     sensor, silicone = made.sensor, made.sensor.silicone
@@ -209,7 +211,7 @@ def _watched(design: str, case: Case) -> Watched:
     return watch(sensor_as_designed(design), specimen, grip, SEED, case.shape)
 
 
-def _grip(case: Case, radius: float, usual: float) -> Grip:
+def _grip(case: GripCase, radius: float, usual: float) -> Grip:
     """Grip of a case on a dome of that radius [m], whose usual force is that [N]."""
     lean = np.array([0.0, math.radians(case.tilt), 0.0])
     pose = np.concatenate([np.zeros(3), lean])
@@ -260,7 +262,7 @@ def judged(reading: Reading, true: Array) -> tuple[str, float, float, int, int]:
     return worst("accurate", happened), percent, largest["margin"], flagged, len(true)
 
 
-def report(results: Sequence[Cell]) -> Report:
+def report(results: Sequence[ForceCell]) -> Report:
     """Outcomes of each reconstructor, and each place where one of domes is wrong and narrow."""
     rows: list[Row] = []
     for design, method in dict.fromkeys((one.design, one.method) for one in results):
@@ -284,7 +286,7 @@ def report(results: Sequence[Cell]) -> Report:
     return Report(rows=tuple(rows), notes=(*told, *dict.fromkeys(notes)))
 
 
-def draw_force(results: Sequence[Cell], path: Path, quick: bool) -> None:
+def draw_force(results: Sequence[ForceCell], path: Path, quick: bool) -> None:
     """Write the map of the reconstructors: a panel for each dial, a line for each of them.
 
     A cell has the largest error of ΣFn of the frames that are read, in percent.
@@ -313,7 +315,7 @@ def draw_force(results: Sequence[Cell], path: Path, quick: bool) -> None:
     path.write_bytes(png(figure))
 
 
-def _text_of_force(cell: Cell) -> str:
+def _text_of_force(cell: ForceCell) -> str:
     error = cell.normal_percent
     number = "" if np.isnan(error) else f"{error:.0f}" if error >= 0.95 else "<1"
     return f"{OUTCOMES[cell.outcome].letter} {number}".strip()

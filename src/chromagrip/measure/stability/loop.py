@@ -16,7 +16,7 @@ from ...output.page import PageSection
 from ...output.report import Report, Row, reported
 from ..study import Asked, Results, Study, controllers_of, study
 from .boundaries import Boundary, boundaries, onset, ratio_rows, sentences
-from .cells import OUTCOMES, Cell, Setting, cell
+from .cells import OUTCOMES, LoopCell, LoopSetting, cell
 from .figures import CHAIN, draw_map
 from .maps import PRESETS, SHIPPED, Map, maps
 from .panels import picture_section, settings_of, shipped_notes
@@ -25,15 +25,15 @@ from .panels import picture_section, settings_of, shipped_notes
 class Disturbance(NamedTuple):
     """A setting whose grasp is disturbed a little, at a range of periods."""
 
-    disturbed: Setting
+    disturbed: LoopSetting
 
 
 #: A run and its outcome, or the period at which a disturbance grows [s].
-Found = Cell | float
+Found = LoopCell | float
 
 
 @study("stability", "loop", method="controller")
-def loop_map(asked: Asked) -> Study[Setting | Disturbance, Found]:
+def loop_map(asked: Asked) -> Study[LoopSetting | Disturbance, Found]:
     """Closed loop of the chain over rates, gains, loads, noise and objects, with predictions.
 
     Controllers that are chosen have panels of their own beside ours. A quick map has a few cells of
@@ -52,26 +52,26 @@ def loop_map(asked: Asked) -> Study[Setting | Disturbance, Found]:
         measure=measured,
         result=Found,
         report=lambda results: _report(plan, results),
-        words=lambda one: one.controller if isinstance(one, Setting) else "small disturbances",
+        words=lambda one: one.controller if isinstance(one, LoopSetting) else "small disturbances",
         show=lambda results, out: _show(plan, results, out, asked.quick),
     )
 
 
-def measured(setting: Setting | Disturbance) -> Found:
+def measured(setting: LoopSetting | Disturbance) -> Found:
     """Outcome of a run, or the period at which a disturbance grows [s]."""
-    return cell(setting) if isinstance(setting, Setting) else onset(setting.disturbed)
+    return cell(setting) if isinstance(setting, LoopSetting) else onset(setting.disturbed)
 
 
-def _runs(results: Results[Setting | Disturbance, Found]) -> dict[Setting, Cell]:
+def _runs(results: Results[LoopSetting | Disturbance, Found]) -> dict[LoopSetting, LoopCell]:
     return {
         setting: found
         for setting, found in results
-        if isinstance(setting, Setting) and isinstance(found, Cell)
+        if isinstance(setting, LoopSetting) and isinstance(found, LoopCell)
     }
 
 
 def _edges(
-    plan: Mapping[str, Map], results: Results[Setting | Disturbance, Found]
+    plan: Mapping[str, Map], results: Results[LoopSetting | Disturbance, Found]
 ) -> list[Boundary]:
     onsets = {
         setting.disturbed: found
@@ -81,7 +81,7 @@ def _edges(
     return list(boundaries(plan, _runs(results), onsets))
 
 
-def _report(plan: Mapping[str, Map], results: Results[Setting | Disturbance, Found]) -> Report:
+def _report(plan: Mapping[str, Map], results: Results[LoopSetting | Disturbance, Found]) -> Report:
     edges = _edges(plan, results)
     return Report(
         rows=(*ratio_rows(edges), *_outcome_rows(plan, _runs(results))),
@@ -102,7 +102,7 @@ _PRINTED = (
 
 def _show(
     plan: Mapping[str, Map],
-    results: Results[Setting | Disturbance, Found],
+    results: Results[LoopSetting | Disturbance, Found],
     out: Path,
     quick: bool,
 ) -> list[PageSection]:
@@ -114,7 +114,7 @@ def _show(
     return [picture_section(name, out / f"{name}.png", plan[name].title) for name in plan]
 
 
-def _outcome_rows(plan: Mapping[str, Map], done: Mapping[Setting, Cell]) -> Iterator[Row]:
+def _outcome_rows(plan: Mapping[str, Map], done: Mapping[LoopSetting, LoopCell]) -> Iterator[Row]:
     for name in ("rate-latency", "gains", "load", "objects"):
         truth = [done[one] for one in plan[name].settings() if one.path == "truth"]
         known = [cell for cell in truth if np.isfinite([cell.root, cell.swing]).all()]
@@ -130,9 +130,9 @@ def _outcome_rows(plan: Mapping[str, Map], done: Mapping[Setting, Cell]) -> Iter
     yield reported(("camera", "same_outcome"), 100.0 * float(same), "%")
 
 
-def _by_preset(which: Map) -> dict[str, list[Setting]]:
+def _by_preset(which: Map) -> dict[str, list[LoopSetting]]:
     """Settings of the map of the objects by preset."""
-    settings: dict[str, list[Setting]] = {}
+    settings: dict[str, list[LoopSetting]] = {}
     for panel in which.panels:
         title = next(name for name in PRESETS if panel.title.startswith(name))
         settings.setdefault(title, []).extend(which.cells(panel))

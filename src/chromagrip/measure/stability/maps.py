@@ -11,14 +11,14 @@ from scipy.optimize import brentq
 from ...model import pressure
 from ...thesis import FRICTIONS, RADII_MM, STIFFNESSES_KPA
 from . import panels
-from .cells import CRUSH, FIRST_LOAD, HELD, MARGIN, SWING, Setting
+from .cells import CRUSH, FIRST_LOAD, HELD, MARGIN, SWING, LoopSetting
 from .linear import critical_gain, critical_integral, critical_period, held, noise_gain
 from .panels import Line, place
 
 #: Gains as printed, at the thesis's rate.
-PRINTED = Setting()
+PRINTED = LoopSetting()
 #: Gains as printed, at the rate and latency of a camera.
-SLOW = Setting(rate_hz=100.0, latency_frames=1)
+SLOW = LoopSetting(rate_hz=100.0, latency_frames=1)
 #: Gains retuned for that rate (docs/stability-loop.md).
 RETUNED = replace(SLOW, proportional_n=0.25, integral_n_per_s=30.0, window_s=0.3)
 #: Controller of the scene `margin-60hz`, with its average of µ.
@@ -68,8 +68,8 @@ _NOISES = (0.001, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1)
 
 
 #: Field of a map, and a map, of runs of the chain.
-Panel = panels.Panel[Setting]
-Map = panels.Map[Setting]
+Panel = panels.Panel[LoopSetting]
+Map = panels.Map[LoopSetting]
 
 
 def _rate_lines(panel: Panel) -> list[Line]:
@@ -117,7 +117,7 @@ def _load_lines(panel: Panel) -> list[Line]:
     return lines
 
 
-def crushing_grip(setting: Setting) -> float:
+def crushing_grip(setting: LoopSetting) -> float:
     """Grip under which the object bears CRUSH, held at the desired margin [N]."""
     scene = setting.scene()
     tip, obj = scene.build_fingertip(), scene.build_object()
@@ -138,7 +138,7 @@ def _noise_lines(panel: Panel) -> list[Line]:
     return [Line(label=LINEAR, x=x, y=np.array([row - 0.5, row + 0.5]))]
 
 
-def noise_limit(setting: Setting) -> float:
+def noise_limit(setting: LoopSetting) -> float:
     """Noise on Γ with which the command of the linearised loop swings by SWING of its mean.
 
     Peak to peak of n samples of a normal distribution is 2·m standard deviations, m the mean of
@@ -212,7 +212,7 @@ def _rate_latency_map(quick: bool, own: Sequence[str]) -> Map:
     )
 
 
-def _of_kind(base: Setting, friction: float, radius_mm: float) -> Setting:
+def _of_kind(base: LoopSetting, friction: float, radius_mm: float) -> LoopSetting:
     return replace(base, friction=friction, radius_mm=radius_mm)
 
 

@@ -127,7 +127,7 @@ DIALS = {
 QUICK_VALUES = {"shift": (0.3, 0.6, 1.2), "noise": (2.0, 16.0)}
 
 
-class Setting(NamedTuple):
+class TrackCondition(NamedTuple):
     """Dial, its value, the number of frames, and the trackers that follow them by name."""
 
     dial: str
@@ -137,7 +137,7 @@ class Setting(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Cell:
+class TrackCell:
     """One tracker at one value of one dial.
 
     Attributes
@@ -161,7 +161,7 @@ class Cell:
 
 
 @study("stability", "track", method="tracker")
-def track_map(asked: Asked) -> Study[Setting, list[Cell]]:
+def track_map(asked: Asked) -> Study[TrackCondition, list[TrackCell]]:
     """Trackers over one condition at a time, until markers are lost.
 
     A quick map has a few values of two conditions, and fewer frames.
@@ -171,31 +171,31 @@ def track_map(asked: Asked) -> Study[Setting, list[Cell]]:
     return map_study(
         "map",
         [
-            Setting(dial, value, QUICK_FRAMES if quick else FRAMES, trackers)
+            TrackCondition(dial, value, QUICK_FRAMES if quick else FRAMES, trackers)
             for dial, of_dial in values.items()
             for value in of_dial
         ],
         cells,
-        Cell,
+        TrackCell,
         report,
         partial(draw_track, quick=quick),
         words=lambda one: f"{one.dial} {one.value:g}",
     )
 
 
-def cells(setting: Setting) -> list[Cell]:
+def cells(setting: TrackCondition) -> list[TrackCell]:
     """What all trackers make of one condition."""
     frames = sequence(DIALS[setting.dial].conditions(setting.value), setting.frames, limits=False)
     return [_cell(name, each, setting, frames) for name, each in setting.trackers.items()]
 
 
-def _cell(name: str, tracker: Choice, setting: Setting, frames: Sequence) -> Cell:
+def _cell(name: str, tracker: Choice, setting: TrackCondition, frames: Sequence) -> TrackCell:
     found, note = (0.0, np.nan, 0), ""
     try:
         found = _scores(follow(tracker, frames), frames)
     except UserError as error:
         note = str(error)
-    return Cell(name, setting.dial, setting.value, setting.frames, *found, note)
+    return TrackCell(name, setting.dial, setting.value, setting.frames, *found, note)
 
 
 def _scores(followed: Followed, frames: Sequence) -> tuple[float, float, int]:
@@ -211,7 +211,7 @@ def _scores(followed: Followed, frames: Sequence) -> tuple[float, float, int]:
     return 100.0 * worst, rms, swaps
 
 
-def report(results: Listed[Cell]) -> Report:
+def report(results: Listed[TrackCell]) -> Report:
     """Value of each dial at which each tracker breaks, and each loss of identity in a sentence."""
     rows = rows_of(results)
     notes = [
@@ -228,7 +228,7 @@ def report(results: Listed[Cell]) -> Report:
 _CONSTANT = "every marker stays at its place at rest, which is the answer that uses no picture."
 
 
-def rows_of(results: Listed[Cell]) -> list[Row]:
+def rows_of(results: Listed[TrackCell]) -> list[Row]:
     """Two figures for each tracker and dial.
 
     `holds_up_to` is the last value up to which it holds, `identity_lost_at` the first with a swap.
@@ -266,7 +266,7 @@ _MARKERS = "xo^svDP*<>"
 _DASHES = ["-", "-", "--", "-.", ":", "--", "-", "-.", ":", "--"]
 
 
-def draw_track(results: Listed[Cell], path: Path, quick: bool) -> None:
+def draw_track(results: Listed[TrackCell], path: Path, quick: bool) -> None:
     """Write the curves of all trackers: share of right markers, and error, over each dial."""
     dials = list(dict.fromkeys(cell.dial for cell in results))
     title = f"Share of markers within {RIGHT:g} px of their own place; error of those reported"
@@ -280,7 +280,7 @@ def draw_track(results: Listed[Cell], path: Path, quick: bool) -> None:
     path.write_bytes(png(figure))
 
 
-def _curves(right: Axes, error: Axes, part: Listed[Cell]) -> None:
+def _curves(right: Axes, error: Axes, part: Listed[TrackCell]) -> None:
     values = list(dict.fromkeys(cell.value for cell in part))
     for axes in (right, error):
         axes.set_prop_cycle(color=_COLOURS, marker=list(_MARKERS), linestyle=_DASHES)

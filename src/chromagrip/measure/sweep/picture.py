@@ -12,13 +12,13 @@ from ...folders import write_whole
 from ...output.figure import finish, new_figure, png
 from ..score.intervals import share_interval
 from .report import means, shown
-from .runs import Axis, Cell, Plan, words
+from .runs import Axis, Plan, SweepCell, words
 
 #: Value, low and high end of its interval.
 Figure = tuple[float, float, float]
 
 
-def draw_sweep(plan: Plan, cells: Sequence[Cell], path: Path) -> None:
+def draw_sweep(plan: Plan, cells: Sequence[SweepCell], path: Path) -> None:
     """Draw the map: as cells over two keys, as points with intervals over one, or over scenes."""
     axes = [axis for axis in plan.axes if len(axis[1]) > 1][:2] or [("scene", plan.scenes)]
     others = [name for name, values in plan.axes if len(values) > 1][2:]
@@ -35,11 +35,11 @@ def draw_sweep(plan: Plan, cells: Sequence[Cell], path: Path) -> None:
     write_whole(path, png(figure))
 
 
-def _chosen(plan: Plan, cells: Sequence[Cell]) -> Callable[[dict[str, Any]], list[Cell]]:
+def _chosen(plan: Plan, cells: Sequence[SweepCell]) -> Callable[[dict[str, Any]], list[SweepCell]]:
     """Function that gives the cells at some values."""
     settings = {words(setting): setting for setting in plan.settings()}
 
-    def at(wanted: dict[str, Any]) -> list[Cell]:
+    def at(wanted: dict[str, Any]) -> list[SweepCell]:
         chosen = []
         for one in cells:
             values = {"scene": one.scene} | settings[one.setting]
@@ -50,7 +50,7 @@ def _chosen(plan: Plan, cells: Sequence[Cell]) -> Callable[[dict[str, Any]], lis
     return at
 
 
-def _value(name: str, cells: Sequence[Cell]) -> Figure:
+def _value(name: str, cells: Sequence[SweepCell]) -> Figure:
     if name != "lost":
         return means(cells)[name]
     if not cells:
@@ -65,7 +65,7 @@ def _field(
     y: Axis,
     name: str,
     label: str,
-    at: Callable[[dict[str, Any]], list[Cell]],
+    at: Callable[[dict[str, Any]], list[SweepCell]],
 ) -> None:
     values = np.array(
         [[_value(name, at({x[0]: a, y[0]: b}))[0] for a in x[1]] for b in y[1]], dtype=float
@@ -84,7 +84,7 @@ def _field(
 
 
 def _points(
-    place: Axes, x: Axis, name: str, label: str, at: Callable[[dict[str, Any]], list[Cell]]
+    place: Axes, x: Axis, name: str, label: str, at: Callable[[dict[str, Any]], list[SweepCell]]
 ) -> None:
     found = np.array([_value(name, at({x[0]: value})) for value in x[1]])
     low, high = found[:, 0] - found[:, 1], found[:, 2] - found[:, 0]

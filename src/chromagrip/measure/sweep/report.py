@@ -7,7 +7,7 @@ from ...output.report import Report, Row, Table, number, reported
 from ..score.intervals import intervals, share_interval
 from ..worlds import pinch_scores as pinches
 from ..worlds import scorecard
-from .runs import SCORES, Cell, Plan, words
+from .runs import SCORES, Plan, SweepCell, words
 
 #: Scores in the table, in its order; of one finger, and of two.
 SHOWN = ("settling", "pressure_max", "energy", "chatter")
@@ -18,14 +18,14 @@ _LOST = (
 )
 
 
-def shown(cells: Sequence[Cell]) -> dict[str, str]:
+def shown(cells: Sequence[SweepCell]) -> dict[str, str]:
     """Scores in the table with their units; a turn in the hand is one of two fingers."""
     if any(math.isfinite(one.turn) for one in cells):
         return {name: pinches.UNITS[name] for name in SHOWN_OF_TWO}
     return {name: scorecard.SCORES[name][0] for name in SHOWN}
 
 
-def sweep_report(plan: Plan, cells: Sequence[Cell]) -> Report:
+def sweep_report(plan: Plan, cells: Sequence[SweepCell]) -> Report:
     """Table and figures of every setting, over its scenes and seeds."""
     failures = {one.failed for one in cells if one.failed}
     notes = [
@@ -37,13 +37,13 @@ def sweep_report(plan: Plan, cells: Sequence[Cell]) -> Report:
     return Report(rows=tuple(_rows(plan, cells)), tables=(_table(plan, cells),), notes=tuple(notes))
 
 
-def of_setting(plan: Plan, cells: Sequence[Cell]) -> Iterator[tuple[str, list[Cell]]]:
+def of_setting(plan: Plan, cells: Sequence[SweepCell]) -> Iterator[tuple[str, list[SweepCell]]]:
     """Words of every setting, in order, with its cells."""
     for setting in plan.settings():
         yield words(setting), [one for one in cells if one.setting == words(setting)]
 
 
-def means(cells: Sequence[Cell]) -> dict[str, tuple[float, float, float]]:
+def means(cells: Sequence[SweepCell]) -> dict[str, tuple[float, float, float]]:
     """Mean of each score and its interval, over the runs that came to their end."""
     ended = [{name: getattr(one, name) for name in SCORES} for one in cells if not one.failed]
     bounds = intervals(ended)
@@ -55,7 +55,7 @@ def means(cells: Sequence[Cell]) -> dict[str, tuple[float, float, float]]:
     return found
 
 
-def _rows(plan: Plan, cells: Sequence[Cell]) -> Iterator[Row]:
+def _rows(plan: Plan, cells: Sequence[SweepCell]) -> Iterator[Row]:
     two = "turn" in shown(cells)
     units = pinches.UNITS if two else {k: unit for k, (unit, _) in scorecard.SCORES.items()}
     for name, some in of_setting(plan, cells):
@@ -75,7 +75,7 @@ def _rows(plan: Plan, cells: Sequence[Cell]) -> Iterator[Row]:
             yield reported((subject, f"{score}_high"), most, unit)
 
 
-def _table(plan: Plan, cells: Sequence[Cell]) -> Table:
+def _table(plan: Plan, cells: Sequence[SweepCell]) -> Table:
     names = [name for name, _ in plan.axes]
     lines = []
     for setting in plan.settings():

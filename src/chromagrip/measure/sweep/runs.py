@@ -47,7 +47,7 @@ class Plan:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class SweepRun:
     """One run that is to be made.
 
     Attributes
@@ -65,7 +65,7 @@ class Task:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cell:
+class SweepCell:
     """What came of one run.
 
     The scores are those of `scorecard`, of two fingers those of `pinches.scores`. They are NaN of
@@ -99,7 +99,7 @@ class Cell:
 
 
 #: Names of the scores of a cell.
-SCORES = tuple(field.name for field in fields(Cell))[4:]
+SCORES = tuple(field.name for field in fields(SweepCell))[4:]
 
 
 def words(setting: Mapping[str, Any]) -> str:
@@ -107,7 +107,7 @@ def words(setting: Mapping[str, Any]) -> str:
     return " ".join(f"{key}={value}" for key, value in setting.items())
 
 
-def tasks(plan: Plan) -> list[Task]:
+def tasks(plan: Plan) -> list[SweepRun]:
     """Every run of a plan, in order.
 
     Raises
@@ -119,7 +119,7 @@ def tasks(plan: Plan) -> list[Task]:
     count = len(settings) * len(plan.scenes) * plan.seeds
     if count > MOST_RUNS:
         raise UserError(f"a sweep of {count} runs is too long; at most {MOST_RUNS} are allowed")
-    made: list[Task] = []
+    made: list[SweepRun] = []
     counts: set[int] = set()
     for setting in settings:
         for name in plan.scenes:
@@ -128,7 +128,7 @@ def tasks(plan: Plan) -> list[Task]:
             for seed in range(first.seed, first.seed + plan.seeds):
                 scene = load_scene(name, {**plan.fixed, **setting, "seed": seed}, allow=plan.allow)
                 made.append(
-                    Task(
+                    SweepRun(
                         scene=scene,
                         name=name,
                         setting=words(setting),
@@ -140,7 +140,7 @@ def tasks(plan: Plan) -> list[Task]:
     return made
 
 
-def cell(task: Task) -> Cell:
+def cell(task: SweepRun) -> SweepCell:
     """Make one run."""
     found: dict[str, float] = {}
     failed = ""
@@ -149,7 +149,7 @@ def cell(task: Task) -> Cell:
         found = {1: scores, 2: pinch_scores}[task.scene.fingers](result)
     except UserError as error:
         failed = str(error)
-    return Cell(
+    return SweepCell(
         scene=task.name,
         setting=task.setting,
         seed=task.scene.seed,

@@ -11,7 +11,7 @@ from ..stability.panels import picture_section
 from ..study import Study
 from .picture import draw_sweep
 from .report import sweep_report
-from .runs import Cell, Plan, cell, tasks
+from .runs import Plan, SweepCell, cell, tasks
 
 #: All runs, and the map.
 RUNS, MAP = "runs.csv", "map.png"
@@ -45,7 +45,7 @@ def sweep(
     study = Study(
         settings=tasks(plan),
         measure=cell,
-        result=Cell,
+        result=SweepCell,
         report=lambda results: sweep_report(plan, [one for _, one in results]),
         words=lambda task: f"{task.name} {task.setting}".strip(),
         show=lambda results, to: _show(plan, [one for _, one in results], to),
@@ -53,7 +53,7 @@ def sweep(
     return run_study("sweep", study, out, overwrite, workers, progress)
 
 
-def _show(plan: Plan, cells: list[Cell], out: Path) -> list[PageSection]:
+def _show(plan: Plan, cells: list[SweepCell], out: Path) -> list[PageSection]:
     write_cells(cells, out / RUNS)
     draw_sweep(plan, cells, out / MAP)
     return [picture_section("map", out / MAP, "Scores over what is varied")]

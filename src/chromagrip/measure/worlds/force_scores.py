@@ -53,7 +53,7 @@ UNITS = {
     **{f"{quantity}_width": "× RMS" for quantity in QUANTITIES},
     **{f"{quantity}_limit": "× limit" for quantity in QUANTITIES},
     "flagged": "%",
-    "wrong": "%",
+    "far_off": "%",
     "scenes": "",
 }
 
@@ -237,7 +237,7 @@ def scores(estimate: Answers, true: Array, limit: Array | None = None) -> dict[s
     result["flagged"] = 100.0 * average(estimate.flagged)
     far = (abs(error[:, 0]) > 0.5 * normal) | (abs(error[:, 3]) > 0.5)
     far |= scored[:, 2] & (abs(error[:, 2]) > 0.5 * mu)
-    result["wrong"] = 100.0 * average(far & ~estimate.flagged)
+    result["far_off"] = 100.0 * average(far & ~estimate.flagged)
     result["scenes"] = float(len(true))
     return result
 

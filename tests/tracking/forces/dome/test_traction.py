@@ -331,6 +331,7 @@ def margin_of(field: ForceField) -> tuple[float, float]:
     return field.safety_margin(reading.value), reading.margin_deviation
 
 
+@pytest.mark.slow
 def test_silicone_that_is_known_adds_nothing() -> None:
     state = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)
     plain, known = read_as(sensor_as_designed(SENSOR), state), read_as(calibrated({}), state)
@@ -353,6 +354,7 @@ def test_an_unsure_modulus_widens_all_forces_by_its_share_and_not_the_margin() -
     assert margin_of(plain) == margin_of(known)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "by"),
     [

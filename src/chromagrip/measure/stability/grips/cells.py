@@ -46,7 +46,7 @@ DURATION_S = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setting:
+class GripSetting:
     """Setting of a grip on the truth path; the defaults are those of the scenes.
 
     Attributes
@@ -97,7 +97,7 @@ class Setting:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cell(Setting):
+class GripCell(GripSetting):
     """A grip and its outcome; NaN where there is nothing to measure.
 
     Attributes
@@ -118,22 +118,24 @@ class Cell(Setting):
     note: str = ""
 
     @property
-    def setting(self) -> Setting:
+    def setting(self) -> GripSetting:
         """Setting of the grip."""
-        return Setting(**{field.name: getattr(self, field.name) for field in fields(Setting)})
+        return GripSetting(
+            **{field.name: getattr(self, field.name) for field in fields(GripSetting)}
+        )
 
 
-def cell(setting: Setting) -> Cell:
+def cell(setting: GripSetting) -> GripCell:
     """Run a setting and judge it."""
     try:
         scene = setting.scene()
         result = run(scene)
     except UserError as stopped:
-        return Cell(**vars(setting), outcome="no answer", note=str(stopped))
+        return GripCell(**vars(setting), outcome="no answer", note=str(stopped))
     trace = result.trace
     slide, turn, lost = _MOTIONS[setting.world](result)
     swings, grip = at_the_end(trace)
-    return Cell(
+    return GripCell(
         **vars(setting),
         outcome=outcome(lost, swings),
         slide_mm=float(slide.max()),

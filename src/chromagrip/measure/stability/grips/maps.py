@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import panels
 from ..panels import Line, place
-from .cells import Setting, World
+from .cells import GripSetting, World
 from .predicted import (
     farthest,
     grip_range,
@@ -54,8 +54,8 @@ STYLES = {
 
 
 #: Field of a map, and a map, of grips.
-Panel = panels.Panel[Setting]
-Map = panels.Map[Setting]
+Panel = panels.Panel[GripSetting]
+Map = panels.Map[GripSetting]
 
 
 def maps(world: World, quick: bool, own: Sequence[str] = ()) -> dict[str, Map]:
@@ -70,7 +70,7 @@ def maps(world: World, quick: bool, own: Sequence[str] = ()) -> dict[str, Map]:
 
 def _dome_maps(quick: bool, own: Sequence[str]) -> dict[str, Map]:
     bases = [
-        Setting(world="dome", controller=name, load_n=load)
+        GripSetting(world="dome", controller=name, load_n=load)
         for name in (*_FOLLOWING, *own)
         for load in (_LOADS[:1] if quick else _LOADS)
     ]
@@ -80,7 +80,7 @@ def _dome_maps(quick: bool, own: Sequence[str]) -> dict[str, Map]:
 
 def _pinch_maps(quick: bool, own: Sequence[str]) -> dict[str, Map]:
     bases = [
-        Setting(world="pinch", controller=name, mass_g=mass)
+        GripSetting(world="pinch", controller=name, mass_g=mass)
         for mass in (_LIFTED[:1] if quick else _LIFTED)
         for name in (*_FOLLOWING, *own)
     ]
@@ -96,7 +96,7 @@ def _few(values: tuple[float, ...], quick: bool) -> tuple[float, ...]:
     return values[::3] if quick else values
 
 
-def _rates(quick: bool, what: str, titles: Sequence[str], bases: Sequence[Setting]) -> Map:
+def _rates(quick: bool, what: str, titles: Sequence[str], bases: Sequence[GripSetting]) -> Map:
     latencies = _LATENCIES[1:2] if quick else _LATENCIES
     fields = [
         Panel(title=title, base=base, x=_few(_RATES, quick), y=latencies)
@@ -120,7 +120,7 @@ def _controllers(
     """A panel for each controller; its title says which grips it can choose from."""
     fields = []
     for name in names:
-        base = Setting(world="pinch", controller=name)
+        base = GripSetting(world="pinch", controller=name)
         start, most = grip_range(base.scene())
         words = f"{start:g} N" if start == most else f"{start:g} N on the table"
         if start < most < math.inf:

@@ -13,7 +13,7 @@ from ....model import Motion, dome_forces, simulate_contact, torsion
 from ....model.shapes import plane
 from ....scene.scene import Scene
 from ..linear import LinearLoop, Plant, critical_period
-from .cells import FIRST_SHARE, Setting
+from .cells import FIRST_SHARE, GripSetting
 
 #: Gravity [m/s²].
 G = 9.81
@@ -38,7 +38,7 @@ class Press(NamedTuple):
 @cache
 def pressed(world: str, force: float) -> Press:
     """Press of a world's dome under a force [N]."""
-    scene = Setting(world=world).scene()
+    scene = GripSetting(world=world).scene()
     dome, solid = scene.build_dome(), replace(scene.build_solid(), shape=plane())
     loads = np.zeros((3, 6))
     loads[1:, 2] = -force
@@ -54,7 +54,7 @@ def pressed(world: str, force: float) -> Press:
     return Press(-float(contact.places[-1, 2]), torsion(field)[2] / field.total_normal)
 
 
-def pull(setting: Setting) -> float:
+def pull(setting: GripSetting) -> float:
     """Lightest load that one finger holds at rest, where the plant's gain is largest [N]."""
     return {
         "dome": FIRST_SHARE * setting.load_n,
@@ -62,7 +62,7 @@ def pull(setting: Setting) -> float:
     }[setting.world]
 
 
-def linear(setting: Setting) -> LinearLoop:
+def linear(setting: GripSetting) -> LinearLoop:
     """Safety Margin's loop around the desired margin; the lag is that of the drive's damper."""
     gains = setting.scene().safety_margin
     friction, load = setting.friction, pull(setting)
@@ -80,7 +80,7 @@ def linear(setting: Setting) -> LinearLoop:
     )
 
 
-def slowest_rate(setting: Setting) -> float:
+def slowest_rate(setting: GripSetting) -> float:
     """Camera rate below which Safety Margin's loop is not stable, at the latency [Hz]."""
     return 1.0 / critical_period(linear(setting))
 
@@ -90,7 +90,7 @@ def heaviest(friction: float, grip: float) -> float:
     return 1e3 * 2.0 * friction * grip / G
 
 
-def farthest(setting: Setting, grip: float) -> float:
+def farthest(setting: GripSetting, grip: float) -> float:
     """Offset of the centre of mass at which a grip [N] reaches the limit surface [mm].
 
     Friction and torsion of a finger, each over what is borne of it alone, are on an ellipse:
@@ -105,7 +105,7 @@ def farthest(setting: Setting, grip: float) -> float:
     return 1e3 * length * bound * math.sqrt(1.0 - share**2) / pull(setting)
 
 
-def slide_time(setting: Setting) -> float:
+def slide_time(setting: GripSetting) -> float:
     """Time from the lift until the hand has gone as far as counts as dropped [s].
 
     So long an object that is too heavy for its grip stands on the table while the hand rises.
@@ -120,7 +120,7 @@ def slide_time(setting: Setting) -> float:
     return float(brentq(short, 1e-6, pinch.hand_times_s[-1] - start))
 
 
-def reached(setting: Setting) -> float:
+def reached(setting: GripSetting) -> float:
     """Grip that a controller reaches at least until an object that slides counts as dropped [N].
 
     A slide is Γ = 0. Safety Margin then rises by Ki·Γ_des a second; it sees less than 0, and rises
@@ -145,7 +145,7 @@ def reached(setting: Setting) -> float:
     return start
 
 
-def slowest_reaction(setting: Setting) -> float:
+def slowest_reaction(setting: GripSetting) -> float:
     """Camera rate below which a reaction is too late for a weight, at the latency [Hz].
 
     Safety Margin needs one command in time at least, Margin Inversion one for each of its rises.

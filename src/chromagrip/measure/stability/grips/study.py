@@ -11,13 +11,13 @@ from ....output.report import Report, Row, reported
 from ...study import Asked, Results, Study, controllers_of, study
 from ..figures import GRIPS, draw_map
 from ..panels import picture_section, score_of, settings_of, shipped_notes
-from .cells import OUTCOMES, SCENES, Cell, Setting, World, cell
+from .cells import OUTCOMES, SCENES, GripCell, GripSetting, World, cell
 from .maps import Map, maps
 from .predicted import linear, slowest_rate
 
 
 @study("stability", "loop", worlds=("dome",), method="controller")
-def dome_map(asked: Asked) -> Study[Setting, Cell]:
+def dome_map(asked: Asked) -> Study[GripSetting, GripCell]:
     """Grips of one dome under a load over camera rate and latency, on the truth path.
 
     Controllers that are chosen have panels of their own beside ours. A quick map has a few cells.
@@ -26,7 +26,7 @@ def dome_map(asked: Asked) -> Study[Setting, Cell]:
 
 
 @study("stability", "loop", worlds=("pinch",), method="controller")
-def pinch_map(asked: Asked) -> Study[Setting, Cell]:
+def pinch_map(asked: Asked) -> Study[GripSetting, GripCell]:
     """Grips of two fingers over rate, latency, mass, friction and offset, on the truth path.
 
     Controllers that are chosen have panels of their own beside ours. A quick map has a few cells.
@@ -34,18 +34,18 @@ def pinch_map(asked: Asked) -> Study[Setting, Cell]:
     return _grip_map("pinch", asked)
 
 
-def _grip_map(world: World, asked: Asked) -> Study[Setting, Cell]:
+def _grip_map(world: World, asked: Asked) -> Study[GripSetting, GripCell]:
     plan = maps(world, asked.quick, controllers_of(asked, SCENES[world], ()))
-    shipped = Setting(world=world)
+    shipped = GripSetting(world=world)
 
-    def show(results: Results[Setting, Cell], out: Path) -> list[PageSection]:
+    def show(results: Results[GripSetting, GripCell], out: Path) -> list[PageSection]:
         done = dict(results)
         for name, which in plan.items():
             draw_map(which, GRIPS, done, out, name, asked.quick)
             write_cells([done[one] for one in which.settings()], out / f"{name}.csv")
         return [picture_section(name, out / f"{name}.png", plan[name].title) for name in plan]
 
-    def report(results: Results[Setting, Cell]) -> Report:
+    def report(results: Results[GripSetting, GripCell]) -> Report:
         done = dict(results)
         return Report(
             rows=tuple(_rows(plan, done)),
@@ -59,7 +59,7 @@ def _grip_map(world: World, asked: Asked) -> Study[Setting, Cell]:
     return Study(
         settings=list(dict.fromkeys([*settings_of(plan), shipped])),
         measure=cell,
-        result=Cell,
+        result=GripCell,
         report=report,
         words=lambda one: one.controller,
         show=show,
@@ -73,7 +73,7 @@ _GAINS: dict[World, str] = {
 }
 
 
-def _rows(plan: Mapping[str, Map], done: Mapping[Setting, Cell]) -> Iterator[Row]:
+def _rows(plan: Mapping[str, Map], done: Mapping[GripSetting, GripCell]) -> Iterator[Row]:
     """Number of cells of each outcome."""
     for name, which in plan.items():
         for panel in which.panels:
@@ -85,7 +85,7 @@ def _rows(plan: Mapping[str, Map], done: Mapping[Setting, Cell]) -> Iterator[Row
                     yield reported(subject, count, f"of {len(cells)}")
 
 
-def _notes(which: Map, done: Mapping[Setting, Cell]) -> Iterator[str]:
+def _notes(which: Map, done: Mapping[GripSetting, GripCell]) -> Iterator[str]:
     """Boundary of Safety Margin at each latency, by the linearised loop and in the map."""
     for panel in which.panels:
         if panel.base.controller != "safety-margin":

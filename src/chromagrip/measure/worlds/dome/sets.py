@@ -43,7 +43,7 @@ COMPARED = ("sequential", "gp", BEST, FREE)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class DomeTask:
     """One scene to make, and the estimators that read it.
 
     Attributes
@@ -60,7 +60,7 @@ class Task:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Result:
+class DomeResult:
     """Truth and readings of I frames.
 
     Attributes
@@ -91,7 +91,7 @@ def counts_of(quick: bool, groups: Sequence[str]) -> dict[tuple[str, str], int]:
 
 def tasks(
     counts: Mapping[tuple[str, str], int], reconstructors: Mapping[str, Choice]
-) -> list[Task]:
+) -> list[DomeTask]:
     """Scenes of some sets.
 
     Parameters
@@ -100,7 +100,7 @@ def tasks(
     reconstructors: by name; none are those of `readers_of`
     """
     return [
-        Task(
+        DomeTask(
             design=design,
             kind=kind,
             index=index,
@@ -111,9 +111,9 @@ def tasks(
     ]
 
 
-def by_set(results: Results[Task, Result]) -> dict[tuple[str, str], Result]:
+def by_set(results: Results[DomeTask, DomeResult]) -> dict[tuple[str, str], DomeResult]:
     """Results of the scenes of each set, by design and set."""
-    parts: dict[tuple[str, str], list[Result]] = {}
+    parts: dict[tuple[str, str], list[DomeResult]] = {}
     for task, result in results:
         parts.setdefault((task.design, task.kind), []).append(result)
     return {key: joined(found) for key, found in parts.items()}
@@ -128,17 +128,17 @@ def readers_of(design: str, kind: str) -> tuple[str, ...]:
     return COMPARED if design == DESIGN else (BEST,)
 
 
-def measure_scene(task: Task) -> Result:
+def measure_scene(task: DomeTask) -> DomeResult:
     """Make a scene and let every estimator read it."""
     watched = _scene(task)
-    return Result(
+    return DomeResult(
         true=watched.true,
         side=watched.side,
         readings={name: read(choice, watched) for name, choice in task.reconstructors.items()},
     )
 
 
-def _scene(task: Task) -> Watched:
+def _scene(task: DomeTask) -> Watched:
     if task.design == DESIGN and task.kind in WORLDS:
         return across_scene(task.kind, task.index)
     if task.kind == ELEMENTS:
@@ -146,9 +146,9 @@ def _scene(task: Task) -> Watched:
     return scene(task.design, task.kind, task.index)
 
 
-def joined(parts: Sequence[Result]) -> Result:
+def joined(parts: Sequence[DomeResult]) -> DomeResult:
     """The frames of several scenes."""
-    return Result(
+    return DomeResult(
         true=np.concatenate([part.true for part in parts]),
         side=np.concatenate([part.side for part in parts]),
         readings={
