@@ -273,7 +273,12 @@ def ranges() -> None:
     """The ranges of a training."""
     lines = range_lines(training_ranges(VARIATIONS, NOISE, HISTORIES, EPOCHS))
     told = Table(("range", "unit", "from", "to", ""), tuple(lines))
-    write("training-ranges", "What a read-out is trained on", "chromagrip train", markdown(told))
+    write(
+        "training-ranges",
+        "What a read-out is trained on",
+        "chromagrip calibrate readout",
+        markdown(told),
+    )
 
 
 def render() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from ..errors import UserError
+from ..errors import UserError, meant
 from ..render import LAYERS, SensorDesign, load_sensor, sensor_names
 from ..strict_toml import Table, convert, parse_toml, read_toml
 from .sighting import Sighting
@@ -104,8 +104,11 @@ def load_palette(name: str = DEFAULT_PALETTE) -> Palette:
         return _palette(convert(parse_toml(text, title), PaletteTable, title))
     if name not in sensor_names():
         if not name.endswith(".toml"):
-            known = ", ".join([*palette_names(), *sensor_names()])
-            raise UserError(f"no palette {name!r}; there is {known}, or give a .toml file")
+            known = [*palette_names(), *sensor_names()]
+            raise UserError(
+                f"no palette {name!r}{meant(name, known)}; there is {', '.join(known)}, or give a "
+                ".toml file"
+            )
         values = read_toml(Path(name), title)
         if "skin" not in values:
             return _palette(convert(values, PaletteTable, title))

@@ -10,7 +10,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from ... import model
-from ...errors import UserError
+from ...errors import UserError, meant
 from ...strict_toml import Table, convert, parse_toml, read_toml
 from ..optics.calibration import load_camera
 from ..optics.camera import Camera, FisheyeCamera, PinholeCamera
@@ -460,7 +460,8 @@ def load_sensor(name: str) -> SensorDesign:
         return _shipped(name)
     if not name.endswith(".toml"):
         raise UserError(
-            f"no sensor design {name!r}; there is {', '.join(sensor_names())}, or give a .toml file"
+            f"no sensor design {name!r}{meant(name, sensor_names())}; there is "
+            f"{', '.join(sensor_names())}, or give a .toml file"
         )
     values = read_toml(Path(name), f"sensor file {name}")
     for table, key in FILES_NAMED:

@@ -16,7 +16,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from .errors import UserError
+from .errors import UserError, meant
 from .strict_toml import parse_toml
 
 #: A method as users choose it: a name, `module:Class`, or a class or other factory from Python.
@@ -69,7 +69,10 @@ class Registry:
             return
         if name not in self.descriptions():
             known = ", ".join(self.descriptions())
-            raise UserError(f"no {self.kind} {name!r}; there is {known}, or give module:Class")
+            question = meant(name, self.descriptions())
+            raise UserError(
+                f"no {self.kind} {name!r}{question}; there is {known}, or give module:Class"
+            )
 
     def load(self, choice: Choice, arguments: Mapping[str, Any] | None = None) -> Any:
         """Factory of a method: its class, with keyword arguments filled in.
@@ -288,9 +291,15 @@ def blaming(failure: str, *errors: type[BaseException]) -> Iterator[None]:
 
 
 def _origin(reason: BaseException) -> str:
-    """File and line where an error was raised, for a message without a traceback."""
+    """File and line of a plug-in where an error was raised, for a message without a traceback.
+
+    Empty where it was raised by Python's own import, or by our code.
+    """
     calls = traceback.extract_tb(reason.__traceback__)
-    return f" ({Path(calls[-1].filename).name}, line {calls[-1].lineno})" if calls else ""
+    ours = str(Path(__file__).parent)
+    if not calls or calls[-1].filename.startswith(("<", ours)):
+        return ""
+    return f" ({Path(calls[-1].filename).name}, line {calls[-1].lineno})"
 
 
 def named(choices: Iterable[Choice], load: Callable[[Choice], object]) -> dict[str, Choice]:

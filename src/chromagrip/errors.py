@@ -1,8 +1,9 @@
 """Errors a user can cause: one sentence each, exit code 2 on the command line."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from difflib import get_close_matches
 
 #: Longest word or quoted value that a message repeats whole [characters].
 _LONGEST = 240
@@ -54,3 +55,22 @@ def located(place: str) -> Iterator[None]:
         if str(error).startswith(place):
             raise
         raise type(error)(f"{place}: {error}") from None
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """A question that names the known word nearest to an unknown one; "" if none is near.
+
+    Parameters
+    ----------
+    word: as typed; of a dotted key the last part counts too
+    known: words or dotted keys
+    """
+    words = list(dict.fromkeys(known))
+    table, _, last = word.rpartition(".")
+    near = [each for each in words if each.rpartition(".")[2] == last and each != word]
+    if not near:
+        beside = {
+            each.rpartition(".")[2]: each for each in words if each.rpartition(".")[0] == table
+        }
+        near = [beside[each] for each in get_close_matches(last, beside, n=1, cutoff=0.7)]
+    return f" (did you mean {' or '.join(near[:2])}?)" if near else ""

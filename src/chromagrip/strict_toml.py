@@ -1,13 +1,14 @@
 """Strict tables, read from TOML; a key or value that is not allowed is refused by name."""
 
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 import msgspec
 
-from .errors import UserError
+from .errors import UserError, meant
 
 #: Number of a table above 0 and up to 10⁹.
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e9)]
@@ -84,7 +85,7 @@ def convert(values: Values, kind: type[Kind], name: str) -> Kind:
     UserError
         For a value that is not allowed, with `name`, key, value and what is allowed.
     """
-    _refuse_unknown(values, kind, name, "")
+    _refuse_unknown(values, kind, name, "", tuple(_all_keys(kind)))
     try:
         return msgspec.convert(values, kind)
     except msgspec.ValidationError as error:
@@ -107,9 +108,11 @@ def _plain(message: str, key: str, kind: Any) -> str:
             kind = get_type_hints(kind)[part]
         allowed = [str(member.__struct_config__.tag) for member in _members(kind)]
         return f"{tag} must be one of {', '.join(allowed)}"
+    wanted = message.partition("`")[2].partition("`")[0]
     for type_name, word in _WORDS.items():
         message = message.replace(f"`{type_name}`", word)
-    return message[0].lower() + message[1:]
+    example = _EXAMPLES.get(wanted, "")
+    return message[0].lower() + message[1:] + (f", such as {example}" if example else "")
 
 
 _WORDS = {
@@ -120,6 +123,10 @@ _WORDS = {
     "array": "a list",
     "bool": "true or false",
 }
+
+
+#: A value of each type, for a message.
+_EXAMPLES = {"float": "0.5", "int": "3", "array": "[0.2, 0.5]"}
 
 
 def _members(kind: Any) -> tuple[Any, ...]:
@@ -138,7 +145,17 @@ def _get(values: Any, key: str) -> Any:
     return values
 
 
-def _refuse_unknown(values: Any, table: type[Table], name: str, prefix: str) -> None:
+def _all_keys(table: type[Table], prefix: str = "") -> Iterator[str]:
+    """Dotted keys of a table and of the tables in it."""
+    for field in msgspec.structs.fields(table):
+        yield prefix + field.name
+        for member in _members(field.type):
+            yield from _all_keys(member, f"{prefix}{field.name}.")
+
+
+def _refuse_unknown(
+    values: Any, table: type[Table], name: str, prefix: str, every: tuple[str, ...]
+) -> None:
     if not isinstance(values, dict):
         return  # wrong type: refused by the conversion
     config = table.__struct_config__
@@ -147,10 +164,11 @@ def _refuse_unknown(values: Any, table: type[Table], name: str, prefix: str) -> 
     for key, value in values.items():
         if key not in fields and key not in tag:
             allowed = ", ".join((*tag, *fields))
-            raise UserError(f"{name}: unknown key {prefix}{key}; allowed here: {allowed}")
+            question = meant(prefix + key, every)
+            raise UserError(f"{name}: unknown key {prefix}{key}{question}; allowed here: {allowed}")
         for member in _members(fields.get(key)):
             wanted = member.__struct_config__
             if not wanted.tag_field or (
                 isinstance(value, dict) and value.get(wanted.tag_field) == wanted.tag
             ):
-                _refuse_unknown(value, member, name, f"{prefix}{key}.")
+                _refuse_unknown(value, member, name, f"{prefix}{key}.", every)

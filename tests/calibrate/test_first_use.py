@@ -243,16 +243,16 @@ def test_train_without_a_file_keeps_the_read_out_by_design(
     trainer: Trainer, typed: Typed, tmp_path: Path
 ) -> None:
     design = own_design(tmp_path, radius_mm="9.0")
-    done = typed("train", design)
+    done = typed("calibrate", "readout", design)
     assert done.returncode == 0, done.stderr
     path = kept_path(load_sensor(str(design)))
     assert path.is_file()
     assert str(path) in done.stdout
     assert load_calibration(str(design)).readout == path
-    assert f"kept in {path}; give --overwrite" in typed("train", design).stderr
-    assert typed("train", design, "--overwrite").returncode == 0
+    assert f"kept in {path}; give --overwrite" in typed("calibrate", "readout", design).stderr
+    assert typed("calibrate", "readout", design, "--overwrite").returncode == 0
     assert len(trainer.known) == 2
-    assert "which comes first; give --out" in typed("train", "thesis").stderr
+    assert "which comes first; give --out" in typed("calibrate", "readout", "thesis").stderr
 
 
 def test_the_table_of_ranges_has_every_field_of_the_training() -> None:
@@ -291,16 +291,16 @@ def test_the_command_readout_tells_what_was_trained(
     ranges = training_ranges(VARIATIONS, 2.0, 123, 4)
     stand_in = SimpleNamespace(ranges=ranges)
     monkeypatch.setattr(chain, "load_readout", lambda path: stand_in)
-    told = json.loads(typed("readout", "thesis", "--json").stdout)
+    told = json.loads(typed("list", "readouts", "thesis", "--json").stdout)
     assert told["origin"] == "shipped"
     assert told["ranges"]["training"]["histories"] == 123
     path = Path(told["readout"])
     assert told["digest"] == hashlib.sha256(path.read_bytes()).hexdigest()[:12]
-    printed = typed("readout", path).stdout
+    printed = typed("list", "readouts", path).stdout
     assert "thesis.npz" in printed
     for what, *_ in range_lines(ranges):
         assert what[:12] in printed
-    assert "sensor fovea has no trained read-out" in typed("readout", "fovea").stderr
+    assert "sensor fovea has no trained read-out" in typed("list", "readouts", "fovea").stderr
 
 
 @pytest.mark.slow

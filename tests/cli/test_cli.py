@@ -101,7 +101,10 @@ def test_without_a_folder_the_next_free_one_is_taken(tmp_path: Path, typed: Type
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--set", "object.sharpness=3"], "unknown key object.sharpness; allowed here"),
+        (
+            ["--set", "object.sharpness=3"],
+            "unknown key object.sharpness (did you mean object.shape?); allowed",
+        ),
         (["--set", "object.stiffness_kpa=-1"], "object.stiffness_kpa = -1: expected a number > 0"),
         (["--fps", "0"], "camera.rate_hz = 0.0: expected a number > 0"),
         (["--scene", "banana"], "no scene 'banana'; there is camera-100hz, "),
@@ -215,7 +218,7 @@ def test_an_interrupted_run_keeps_what_it_had(
     ("command", "words"),
     [
         (
-            "scenes",
+            "list scenes",
             [
                 "thesis",
                 "camera-100hz",
@@ -234,7 +237,7 @@ def test_an_interrupted_run_keeps_what_it_had(
             ],
         ),
         (
-            "sensors",
+            "list sensors",
             [
                 "chromatouch-next",
                 "dome-2020",
@@ -246,14 +249,14 @@ def test_an_interrupted_run_keeps_what_it_had(
             ],
         ),
         (
-            "controllers",
+            "list controllers",
             ["safety-margin", "margin-inversion", "limit-surface", "react-to-slip", "conservative"],
         ),
-        ("renderers", ["painter", "pyrender"]),
+        ("list renderers", ["painter", "pyrender"]),
     ],
 )
 def test_lists(command: str, words: list[str], typed: Typed) -> None:
-    done = typed(command)
+    done = typed(*command.split())
     assert done.returncode == 0
     assert {line.split()[0] for line in done.stdout.splitlines()} == set(words)
 
@@ -275,7 +278,7 @@ def test_a_missing_package_does_not_keep_the_doctor_from_naming_it() -> None:
     assert "tyro" in doctor.stdout
     for name in ("tyro", "matplotlib", "numba"):
         assert f"mend: pip install --force-reinstall '{name}" in doctor.stdout
-    other = subprocess.run([*asked, "scenes"], capture_output=True, text=True, check=False)
+    other = subprocess.run([*asked, "list", "scenes"], capture_output=True, text=True, check=False)
     assert other.returncode == 2
     assert "`chromagrip doctor` names what mends it" in other.stderr
 
@@ -298,7 +301,7 @@ def test_a_reader_that_leaves_is_no_error_to_tell() -> None:
     os.close(read)
     try:
         done = subprocess.run(
-            [sys.executable, "-u", "-m", "chromagrip", "sensors"],
+            [sys.executable, "-u", "-m", "chromagrip", "list", "sensors"],
             stdout=write,
             stderr=subprocess.PIPE,
             text=True,

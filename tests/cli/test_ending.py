@@ -51,7 +51,8 @@ def test_each_kind_of_error_is_one_line(
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
 @pytest.mark.parametrize(
-    "words", ["--help", "grasp --help", "dataset", "--version", "sensors --json", "scenes"],
+    "words",
+    ["--help", "grasp --help", "dataset", "--version", "list sensors --json", "list scenes"],
 )  # fmt: skip
 def test_a_full_output_is_one_line(
     words: str, typed: Typed, monkeypatch: pytest.MonkeyPatch
@@ -130,7 +131,7 @@ def test_a_stream_that_is_closed_is_none_to_fail_on(
     typed: Typed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "stdout", None)
-    assert typed("sensors").returncode == 0
+    assert typed("list", "sensors").returncode == 0
 
 
 @pytest.mark.parametrize("name", ["stdout", "stderr"])
@@ -140,5 +141,5 @@ def test_a_reader_of_errors_that_leaves(name: str, typed: Typed) -> None:
     stream = io.TextIOWrapper(io.FileIO(write, "w"), write_through=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, name, stream)
-        code = typed("nosuch" if name == "stderr" else "sensors").returncode
+        code = typed(*(["nosuch"] if name == "stderr" else ["list", "sensors"])).returncode
     assert code == (2 if name == "stderr" else 141)

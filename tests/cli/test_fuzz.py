@@ -29,8 +29,8 @@ ODD = (
 )  # fmt: skip
 #: Commands that judge their folder before they compute; `dataset` has a fuzz of its own.
 NAMES = (
-    "grasp", "render", "sweep", "detect", "track", "estimate", "calibrate", "calibrate sensor",
-    "limit", "score", "report", "readout",
+    "grasp", "render", "sweep", "detect", "track", "estimate", "calibrate camera",
+    "calibrate sensor", "limit", "score", "report", "list readouts",
 )  # fmt: skip
 #: Values that end a run early, should all others be right.
 TAKEN = {"out": "bad.png", "controller": "nowhere:Class", "renderer": "nosuch"}

@@ -24,6 +24,8 @@ LISTS = [
     "trackers",
     "reconstructors",
     "integrators",
+    "recipes",
+    "readouts",
 ]
 
 
@@ -33,6 +35,26 @@ def test_every_help_has_an_example_of_its_own_command(name: str, typed: Typed) -
     assert done.returncode == 0
     assert f"usage: chromagrip {name} " in done.stdout
     assert f"Example: chromagrip {name}" in done.stdout
+
+
+def test_no_word_is_the_front_page_and_no_success(typed: Typed) -> None:
+    alone, helped = typed(), typed("--help")
+    assert (alone.returncode, helped.returncode) == (2, 0)
+    assert alone.stdout == helped.stdout
+    lines = [line for line in alone.stdout.splitlines() if " chromagrip " in line[:40]]
+    assert len(lines) <= 19
+    assert max(map(len, alone.stdout.splitlines())) <= 100
+    jobs = [line.split(" chromagrip ") for line in lines[:3]]
+    assert [(job.strip(), words.split()[0]) for job, words in jobs] == [
+        ("test a tracker", "score"),
+        ("make training data", "dataset"),
+        ("validate a controller", "grasp"),
+    ]
+
+
+def test_a_number_may_begin_with_its_point(typed: Typed) -> None:
+    words = ["grasp", "margin-60hz", "--path", "truth", "--set", "duration_s=.05", "--json"]
+    assert json.loads(typed(*words, "--set", "object.friction=.4").stdout)["complete"]
 
 
 def test_the_help_lists_every_command_and_names_shell_completion(typed: Typed) -> None:
@@ -55,8 +77,23 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("", "give a command: grasp, "),
-        ("squeeze", "no command 'squeeze'; there is grasp, "),
+        ("squeeze", "no command 'squeeze'; there is score, dataset, grasp, "),
+        ("grap", "no command 'grap' (did you mean grasp?); there is score, "),
+        ("trackers", "`chromagrip trackers` is `chromagrip list trackers` now"),
+        ("train thesis", "`chromagrip train` is `chromagrip calibrate readout` now"),
+        ("list scene", "list scene (did you mean scenes?): there is scenes, sensors, "),
+        ("grasp --sceen thesis", "unrecognized options: --sceen, thesis (did you mean --scene?)"),
+        ("grasp margin60hz", "no scene 'margin60hz' (did you mean margin-60hz?); there is "),
+        ("grasp thesis --scene thesis", "a scene is given twice: thesis and --scene thesis"),
+        ("grasp --controller a --controller b", "--controller is given 2 times; give it once; `sw"),
+        ("grasp --set object.mass_g=3", "unknown key object.mass_g (did you mean pinch.mass_g?)"),
+        (
+            "grasp --set object.fricton=3",
+            "unknown key object.fricton (did you mean object.friction",
+        ),
+        ("grasp --set object.friction=soft", "expected a number, got text, such as 0.5"),
+        ("grasp --set load.forces_n=3", "expected a list, got a whole number, such as [0.2, 0.5]"),
+        ("grasp --controller nowhere:C", "ModuleNotFoundError: No module named 'nowhere'\n"),
         ("dataset dance", "dataset dance: there is make, check, "),
         ("grasp --grip 3", "unrecognized options: --grip, 3"),
         ("grasp --fps fast", "--fps 'fast': expected a number"),
@@ -96,8 +133,8 @@ def test_a_wrong_command_line_is_one_sentence(line: str, words: str, typed: Type
 
 @pytest.mark.parametrize("name", LISTS)
 def test_lists_are_the_same_in_json(name: str, typed: Typed) -> None:
-    lines = typed(name).stdout.splitlines()
-    entries = json.loads(typed(name, "--json").stdout)
+    lines = typed("list", name).stdout.splitlines()
+    entries = json.loads(typed("list", name, "--json").stdout)
     assert [line.split()[0] for line in lines] == list(entries)
     assert all(line.endswith(text) for line, text in zip(lines, entries.values(), strict=True))
 

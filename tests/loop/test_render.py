@@ -145,10 +145,13 @@ def test_from_the_command_line(
         (["render", "--grip", "-1"], "--grip and --press-mm must be 0 or more"),
         (["render", "--load", "nan"], "all numbers finite"),
         (["render", "--set", "defects.jpeg_quality=200"], "defects.jpeg_quality = 200: expected"),
-        (["render", "--set", "defects.dirt=2"], "unknown key defects.dirt; allowed here"),
+        (
+            ["render", "--set", "defects.dirt=2"],
+            "unknown key defects.dirt; allowed here",
+        ),
         (["grasp", "--set", "sensor=flat-2019", "--json"], "is a flat pad; the node model"),
         (["grasp", "--set", "defects.missing_markers=0.6", "--json"], "the sensor has 400"),
-        (["calibrate", "nowhere"], "image nowhere cannot be read"),
+        (["calibrate", "camera", "nowhere"], "image nowhere cannot be read"),
     ],
 )
 def test_errors_are_one_sentence_and_exit_code_2(

@@ -694,10 +694,10 @@ def test_an_opaque_picture_with_alpha_will_do(odd: Path) -> None:
 
 
 def test_lists(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    assert chromagrip(monkeypatch, "palettes") == 0
+    assert chromagrip(monkeypatch, "list", "palettes") == 0
     names = {line.split()[0] for line in capsys.readouterr().out.splitlines()}
     assert names >= {"chromatouch", "dark-dots", "bright-pins", "thesis", "flat-2019"}
-    assert chromagrip(monkeypatch, "trackers") == 0
+    assert chromagrip(monkeypatch, "list", "trackers") == 0
     assert "fit" in {line.split()[0] for line in capsys.readouterr().out.splitlines()}
 
 

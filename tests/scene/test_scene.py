@@ -38,7 +38,11 @@ def test_scenes_of_the_thesis_object() -> None:
     ("key", "value", "words"),
     [
         ("object.foo", 1, "unknown key object.foo; allowed here: stiffness_kpa, friction"),
-        ("speed", 1, "unknown key speed; allowed here: description, duration_s"),
+        (
+            "speed",
+            1,
+            "unknown key speed .did you mean seed\?.; allowed here: description, duration_s",
+        ),
         ("object.stiffness_kpa", -3, "object.stiffness_kpa = -3: expected a number > 0.0"),
         ("object.friction", math.nan, "object.friction = nan"),
         ("object.friction", "high", "object.friction = 'high': expected a number, got text"),

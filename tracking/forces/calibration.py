@@ -347,8 +347,9 @@ def required_readout(calibration: SensorCalibration) -> Path:
     check_trainable(calibration)
     raise UserError(
         f"{f'sensor {calibration.name}'.rstrip()} has no trained read-out: train one with "
-        f"`chromagrip train {calibration.name or 'SENSOR'}`, which takes minutes, or choose a "
-        "reconstructor that needs none, such as gp, which reads forces but no reliable margins"
+        f"`chromagrip calibrate readout {calibration.name or 'SENSOR'}`, which takes minutes, or "
+        "choose a reconstructor that needs none, such as gp, which reads forces but no reliable "
+        "margins"
     )
 
 

@@ -1,12 +1,4 @@
-"""A colour-marker tactile fingertip, simulated from mechanics to grip.
-
-Each command has its own --help with an example. Two words name a command of a group, such as
-`chromagrip dataset make`.
-
-Version: chromagrip --version
-
-Shell completion: chromagrip --tyro-write-completion bash FILE
-"""
+"""The command line: its commands, how it is read, and its first page."""
 
 import io
 import re
@@ -16,11 +8,12 @@ from contextlib import redirect_stderr
 from functools import partial, wraps
 from pathlib import Path
 from textwrap import dedent
+from typing import Any, get_args, get_type_hints
 
 import tyro
 from tyro.extras import SubcommandApp
 
-from ..errors import UserError
+from ..errors import UserError, meant
 from ..folders import make_scratch, remove_empty
 from . import (
     calibrate,
@@ -30,14 +23,10 @@ from . import (
     lists,
     measure,
     pictures,
-    readouts,
     render,
 )
 from .ending import NAME, finish
 from .options import take_signals
-
-EXIT_CODES = """Exit codes: 0 done, 1 an error in code or a missing part of the installation
-(doctor), 2 invalid input, 130 interrupted, 141 output closed, 143 terminated."""
 
 Command = Callable[..., int]
 
@@ -46,38 +35,70 @@ KINDS = {"FLOAT": "a number", "INT": "a whole number"}
 
 #: Commands by name; the commands of a group have names of two words.
 COMMANDS: dict[str, Command] = {
-    "grasp": grasp.grasp,
-    "report": grasp.report,
-    "live": grasp.live,
-    "plan": grasp.plan,
-    "sweep": measure.sweep,
-    "render": render.render,
-    "detect": pictures.detect,
-    "track": pictures.track,
-    "estimate": pictures.estimate,
     "score": measure.score,
-    "calibrate": calibrate.calibrate,
-    "calibrate sensor": calibrate.calibrate_sensor,
-    "train": calibrate.train,
-    "readout": readouts.readout,
     "dataset make": dataset.make,
     "dataset check": dataset.check,
     "dataset info": dataset.info,
     "dataset export": dataset.export,
     "dataset split": dataset.split,
     "dataset merge": dataset.merge,
+    "grasp": grasp.grasp,
+    "sweep": measure.sweep,
+    "report": grasp.report,
+    "live": grasp.live,
+    "render": render.render,
+    "detect": pictures.detect,
+    "track": pictures.track,
+    "estimate": pictures.estimate,
+    "calibrate camera": calibrate.calibrate_camera,
+    "calibrate sensor": calibrate.calibrate_sensor,
+    "calibrate readout": calibrate.calibrate_readout,
     "limit": limit.limit,
+    "plan": grasp.plan,
     "reproduce": measure.reproduce,
-    "scenes": lists.scenes,
-    "sensors": lists.sensors,
-    "palettes": lists.palettes,
-    "controllers": lists.controllers,
-    "renderers": lists.renderers,
-    "trackers": lists.trackers,
-    "reconstructors": lists.reconstructors,
-    "integrators": lists.integrators,
+    **{f"list {kind}": command for kind, command in lists.LISTS.items()},
     "doctor": lists.doctor,
 }
+#: Groups whose commands come from the table of studies.
+STUDIES = ("bench", "chart", "stability")
+#: Commands that have another name now.
+MOVED = {
+    **{kind: f"list {kind}" for kind in lists.LISTS},
+    "train": "calibrate readout",
+    "readout": "list readouts",
+}
+#: First words of the command line by what they are for, each with some words about it.
+PURPOSES = {
+    "test a tracker": {"score": "tracks of any tracker against the truth of a dataset"},
+    "make training data": {"dataset": "make, check, info, split, merge, export"},
+    "validate a controller": {
+        "grasp": "one run: figure, video, trace, report",
+        "sweep": "many settings, scenes and seeds",
+        "report": "finished runs side by side",
+    },
+    "look at a grasp": {"live": "a page with sliders; or a finished run, or a camera"},
+    "pictures": {
+        "render": "poses as pictures, with all that is true of them",
+        "detect": "markers of a single picture",
+        "track": "markers through pictures, a video or a camera",
+        "estimate": "forces, friction and margin of pictures or a video",
+    },
+    "calibrate": {"calibrate": "camera, sensor, readout"},
+    "measure": {
+        "bench": "figures beside targets: control, force, loop, track",
+        "chart": "speed against error: force, loop, track",
+        "stability": "maps of where methods fail: force, loop, track",
+        "limit": "smallest errors that a picture of a sensor allows",
+        "plan": "cheapest methods and steps for an error of Γ",
+        "reproduce": "results of the thesis beside ours",
+    },
+    "look up": {
+        "list": "scenes, sensors, palettes, controllers, trackers, …",
+        "doctor": "what is missing in the installation",
+    },
+}
+#: The same words without their purposes.
+FIRST = {name: words for names in PURPOSES.values() for name, words in names.items()}
 
 
 def main() -> None:
@@ -94,11 +115,35 @@ def run(words: list[str]) -> int:
         When it cannot be done, in one sentence.
     """
     known: Mapping[str, Command] = COMMANDS
+    if words in ([], ["--help"], ["-h"]):
+        print(front_page())
+        return 0 if words else 2
+    if words and words[0] in MOVED:
+        raise UserError(f"`{NAME} {words[0]}` is `{NAME} {MOVED[words[0]]}` now")
     if words and words[0] in STUDIES:
         if ":" in "".join(words[1:2]):
             words = [*_own_study(words[1]), *words[2:]]
         known = commands_of(words[0])
     return _run(words, known, NAME)
+
+
+def front_page() -> str:
+    """Page of all first words, by what they are for."""
+    lines = ["A colour-marker tactile fingertip, simulated from mechanics to grip.", ""]
+    for purpose, names in PURPOSES.items():
+        headings = [purpose, *[""] * (len(names) - 1)]
+        lines += [
+            f"  {heading:<23}{NAME} {name:<11}{words}"
+            for heading, (name, words) in zip(headings, names.items(), strict=True)
+        ]
+    lines += [
+        "",
+        f"{NAME} COMMAND --help has the options of a command, and an example.",
+        f"{NAME} --version; completion of a shell: {NAME} --tyro-write-completion bash FILE",
+        "Exit codes: 0 done, 1 an error in code or a missing part of the installation (doctor),",
+        "2 invalid input, 130 interrupted, 141 output closed, 143 terminated.",
+    ]
+    return "\n".join(lines)
 
 
 def run_study(verb: str, words: list[str], prog: str) -> int:
@@ -154,23 +199,28 @@ def _parse(words: list[str], known: Mapping[str, Command], prog: str) -> partial
         For a command or an option that does not exist, or a value that cannot be read.
     """
     name = next((n for n in (" ".join(words[:2]), " ".join(words[:1])) if n in known), None)
-    if len(words) == 1 and words[0] in GROUPS:
-        words = [*words, "--help"]
+    if name is None:
+        _check_group(words, known)
+        if words[0] in FIRST:
+            words = [words[0], "--help"]
+    else:
+        _refuse_repeated(words, known[name])
     messages = io.StringIO()
     try:
         with redirect_stderr(messages):
             if name is None:
-                _check_group(words, known)
-                return _all_commands(words).cli(
-                    prog=prog, description=f"{__doc__}\n{EXIT_CODES}", args=words
-                )
+                return _all_commands(words).cli(prog=prog, args=words)
             rest = words[len(name.split()) :]
             return tyro.cli(_bound(known[name]), prog=f"{prog} {name}", args=rest)
     except SystemExit as ended:
         if ended.code in (0, None):  # a page of help
             return 0
         page = f"{prog} {name} --help" if name else f"{prog} --help"
-        raise UserError(f"{_sentence(messages.getvalue())}; see `{page}`") from None
+        sentence = _sentence(messages.getvalue())
+        flags = _flags(known[name]) if name else ()
+        if "unrecognized" in sentence:
+            sentence += "".join(meant(word, flags) for word in re.findall(r"--[\w-]+", sentence))
+        raise UserError(f"{sentence}; see `{page}`") from None
 
 
 def _bound(command: Command) -> Callable[..., partial[int]]:
@@ -215,19 +265,16 @@ def _all_commands(words: list[str]) -> SubcommandApp:
         if any(word.startswith("--tyro") or word == verb for word in words):
             every |= commands_of(verb)
         else:
-            app.command(name=verb, help=GROUPS[verb])(_bound(_no_part))
+            app.command(name=verb, help=FIRST[verb])(_bound(_no_part))
     for name, command in every.items():
         first, _, second = name.partition(" ")
         line = (command.__doc__ or "").splitlines()[0]
         if not second:
             app.command(name=first, help=line)(_bound(command))
             continue
-        if first in COMMANDS:  # calibrate is a command and a group
-            app.command(name=name, help=line)(_bound(command))
-            continue
         if first not in groups:
             groups[first] = SubcommandApp()
-            app.command(groups[first], name=first, help=GROUPS[first])
+            app.command(groups[first], name=first, help=FIRST[first])
         groups[first].command(name=second, help=line)(_bound(command))
     return app
 
@@ -237,32 +284,51 @@ def _no_part() -> int:
     return 0
 
 
-#: One line about each group of commands that is no command itself.
-GROUPS = {
-    "dataset": "Labelled sequences of pictures: make, check, info, export, split, merge.",
-    "bench": "Measure trackers, reconstructors or controllers, each figure beside its target.",
-    "chart": "Draw the speed of every method against its error.",
-    "stability": "Map where trackers, reconstructors or controllers stop working.",
-}
-#: Groups whose commands come from the table of studies.
-STUDIES = ("bench", "chart", "stability")
-
-
 def _check_group(words: list[str], known: Mapping[str, Command]) -> None:
     """Refuse a first word that names no command, and a group without one of its commands."""
-    if not words:
-        raise UserError(f"give a command: {', '.join(_first_words())}")
     if words[0].startswith("-"):
         return
     members = [name.split()[1] for name in known if name.startswith(f"{words[0]} ")]
     if words[0] not in _first_words():
-        raise UserError(f"no command {words[0]!r}; there is {', '.join(_first_words())}")
+        question = meant(words[0], (*_first_words(), *MOVED))
+        raise UserError(f"no command {words[0]!r}{question}; there is {', '.join(_first_words())}")
     if members and words[1:2] not in ([], ["-h"], ["--help"]):
-        raise UserError(f"{words[0]} {words[1]}: there is {', '.join(members)}")
+        question = meant(words[1], members)
+        raise UserError(f"{words[0]} {words[1]}{question}: there is {', '.join(members)}")
+
+
+def _flags(command: Command) -> list[str]:
+    """Names of the options of a command, as they are typed."""
+    flags = []
+    for name, hint in _hints(command).items():
+        given = next((one.name for one in get_args(hint)[1:] if getattr(one, "name", None)), None)
+        flags.append(f"--{given or name.replace('_', '-')}")
+    return flags
+
+
+def _hints(command: Command) -> dict[str, Any]:
+    """Annotated types of the parameters of a command."""
+    hints = get_type_hints(command, include_extras=True)
+    return {name: hint for name, hint in hints.items() if name != "return"}
+
+
+def _refuse_repeated(words: list[str], command: Command) -> None:
+    """Refuse an option that is given twice, unless it collects its values."""
+    lists = (
+        flag
+        for flag, hint in zip(_flags(command), _hints(command).values(), strict=True)
+        if tyro.conf.UseAppendAction in get_args(hint)[1:]
+    )
+    several = set(lists)
+    given = [word.partition("=")[0].replace("_", "-") for word in words if word.startswith("--")]
+    for flag in dict.fromkeys(given):
+        if given.count(flag) > 1 and flag in _flags(command) and flag not in several:
+            more = "; `sweep` runs several" if flag == "--controller" else ""
+            raise UserError(f"{flag} is given {given.count(flag)} times; give it once{more}")
 
 
 def _first_words() -> list[str]:
-    return list(dict.fromkeys([*(name.split()[0] for name in COMMANDS), *STUDIES]))
+    return list(FIRST)
 
 
 def _sentence(box: str) -> str:

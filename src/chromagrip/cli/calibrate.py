@@ -38,7 +38,7 @@ _DEFAULT_OUT = Path("calibration.yml")
 _DEFAULT_SENSOR = Path("sensor-calibration.toml")
 
 
-def calibrate(
+def calibrate_camera(
     images: Annotated[
         tuple[Path, ...],
         tyro.conf.Positional,
@@ -69,7 +69,7 @@ def calibrate(
 
     The command `chromagrip calibrate sensor` calibrates the mechanics behind the lens.
 
-    Example: chromagrip calibrate photos --model fisheye --out camera.yml
+    Example: chromagrip calibrate camera photos --model fisheye --out camera.yml
     """
     from ..render.optics import Board
 
@@ -117,7 +117,7 @@ def calibrate_sensor(
     ],
     *,
     sensor: Annotated[
-        str, option("design that it starts from, see `chromagrip sensors`", "NAME|FILE.toml")
+        str, option("design that it starts from, see `chromagrip list sensors`", "NAME|FILE.toml")
     ] = "thesis",
     tracker: TrackerName = "fit",
     noise: Noise = None,
@@ -271,7 +271,7 @@ def _print_result(result: "Calibration", model: str, out: Path | None) -> None:
     print_table(table)
 
 
-def train(
+def calibrate_readout(
     calibration: Annotated[
         str,
         tyro.conf.Positional,
@@ -300,7 +300,7 @@ def train(
     Commands that need a read-out train it by themselves. An interrupted run continues when it is
     called again.
 
-    Example: chromagrip train mine.toml --out mine.npz
+    Example: chromagrip calibrate readout mine.toml --out mine.npz
     """
     check_least(histories=(histories, 500), epochs=(epochs, 1), workers=(workers, 1))
     if not 0.1 <= noise <= 50.0:

@@ -41,11 +41,16 @@ Logs = Annotated[
 
 
 def grasp(
+    scene_name: Annotated[
+        str | None,
+        tyro.conf.Positional,
+        option("shipped scene, see `chromagrip list scenes`, or a .toml file", "SCENE"),
+    ] = None,
     *,
-    scene: SceneName = DEFAULT_SCENE,
+    scene: Annotated[str | None, option("the same as SCENE", "NAME|FILE.toml")] = None,
     controller: Annotated[
         str | None,
-        option("instead of the scene's; see `chromagrip controllers`", "NAME|MODULE:CLASS"),
+        option("instead of the scene's; see `chromagrip list controllers`", "NAME|MODULE:CLASS"),
     ] = None,
     arguments: Annotated[
         tuple[str, ...],
@@ -64,11 +69,13 @@ def grasp(
     ] = None,
     renderer: Annotated[
         str | None,
-        option("instead of the scene's; see `chromagrip renderers`", "NAME|MODULE:CLASS"),
+        option("instead of the scene's; see `chromagrip list renderers`", "NAME|MODULE:CLASS"),
     ] = None,
     sensor: Annotated[
         str | None,
-        option("instead of the scene's; see `chromagrip sensors`, or a .toml file", "NAME|FILE"),
+        option(
+            "instead of the scene's; see `chromagrip list sensors`, or a .toml file", "NAME|FILE"
+        ),
     ] = None,
     fps: Annotated[float | None, option("camera rate, short for camera.rate_hz", "HZ")] = None,
     latency: Annotated[
@@ -132,6 +139,9 @@ def grasp(
     for name, value in _arguments("--arg", arguments).items():
         changed[f"controller_arguments.{name}"] = value
     changed |= dict(parse_change(text) for text in changes)
+    if scene is not None and scene_name is not None:
+        raise UserError(f"a scene is given twice: {scene_name} and --scene {scene}")
+    scene = scene_name or scene or DEFAULT_SCENE
     resolved = load_scene(scene, changed, allow=allow)
     if not answer_within > 0.0:
         raise UserError(f"--answer-within {answer_within}: expected more than 0; inf is no limit")

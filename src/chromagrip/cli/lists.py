@@ -1,12 +1,15 @@
 """The commands that list what there is: scenes, sensors, palettes, methods, the installation."""
 
+from collections.abc import Callable
+
 from .options import Json, print_list
+from .readouts import readouts
 
 
 def scenes(*, json_only: Json = False) -> int:
     """List the shipped scenes.
 
-    Example: chromagrip scenes --json
+    Example: chromagrip list scenes --json
     """
     from ..scene import load_scene, scene_names
 
@@ -16,7 +19,7 @@ def scenes(*, json_only: Json = False) -> int:
 def sensors(*, json_only: Json = False) -> int:
     """List the shipped sensor designs.
 
-    Example: chromagrip sensors
+    Example: chromagrip list sensors
     """
     from ..render import load_sensor, sensor_names
 
@@ -26,7 +29,7 @@ def sensors(*, json_only: Json = False) -> int:
 def palettes(*, json_only: Json = False) -> int:
     """List the palettes; every sensor design is one too.
 
-    Example: chromagrip palettes
+    Example: chromagrip list palettes
     """
     from ..render import load_sensor, sensor_names
     from ..tracking import load_palette, palette_names
@@ -43,7 +46,7 @@ def palettes(*, json_only: Json = False) -> int:
 def controllers(*, json_only: Json = False) -> int:
     """List the controllers, those of installed packages included.
 
-    Example: chromagrip controllers
+    Example: chromagrip list controllers
     """
     from ..scene.controllers import CONTROLLERS
 
@@ -53,7 +56,7 @@ def controllers(*, json_only: Json = False) -> int:
 def renderers(*, json_only: Json = False) -> int:
     """List the renderers, those of installed packages included.
 
-    Example: chromagrip renderers
+    Example: chromagrip list renderers
     """
     from ..render import RENDERERS
 
@@ -63,7 +66,7 @@ def renderers(*, json_only: Json = False) -> int:
 def trackers(*, json_only: Json = False) -> int:
     """List the trackers, those of installed packages included.
 
-    Example: chromagrip trackers
+    Example: chromagrip list trackers
     """
     from ..tracking import tracker_names
 
@@ -73,7 +76,7 @@ def trackers(*, json_only: Json = False) -> int:
 def reconstructors(*, json_only: Json = False) -> int:
     """List the reconstructors of forces, those of installed packages included.
 
-    Example: chromagrip reconstructors
+    Example: chromagrip list reconstructors
     """
     from ..tracking import RECONSTRUCTORS
 
@@ -83,11 +86,39 @@ def reconstructors(*, json_only: Json = False) -> int:
 def integrators(*, json_only: Json = False) -> int:
     """List the integrators of the node model, those of installed packages included.
 
-    Example: chromagrip integrators
+    Example: chromagrip list integrators
     """
     from ..model import INTEGRATORS
 
     return print_list(INTEGRATORS.descriptions(), json_only)
+
+
+def recipes(*, json_only: Json = False) -> int:
+    """List the shipped recipes of datasets.
+
+    Example: chromagrip list recipes
+    """
+    from ..dataset.recipe import SHIPPED, recipe_names
+    from ..strict_toml import parse_toml
+
+    texts = {name: (SHIPPED / f"{name}.toml").read_text("utf-8") for name in recipe_names()}
+    about = {name: parse_toml(text, name).get("description", "") for name, text in texts.items()}
+    return print_list(about, json_only)
+
+
+#: Lists by what they are of.
+LISTS: dict[str, Callable[..., int]] = {
+    "scenes": scenes,
+    "sensors": sensors,
+    "palettes": palettes,
+    "controllers": controllers,
+    "trackers": trackers,
+    "reconstructors": reconstructors,
+    "renderers": renderers,
+    "integrators": integrators,
+    "recipes": recipes,
+    "readouts": readouts,
+}
 
 
 def doctor(*, json_only: Json = False) -> int:

@@ -174,7 +174,9 @@ def sweep(
     scenes: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
-        option("see `chromagrip scenes`, or a file; may be repeated", "NAME|FILE.toml", "scene"),
+        option(
+            "see `chromagrip list scenes`, or a file; may be repeated", "NAME|FILE.toml", "scene"
+        ),
     ] = (),
     controllers: Annotated[
         tuple[str, ...],

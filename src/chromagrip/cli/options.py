@@ -50,7 +50,7 @@ FollowLinks = Annotated[
     option("read links that lead out of the folder, as in caches of hubs", name="follow-links"),
 ]
 SceneName = Annotated[
-    str, option("shipped scene, see `chromagrip scenes`, or a .toml file", "NAME|FILE.toml")
+    str, option("shipped scene, see `chromagrip list scenes`, or a .toml file", "NAME|FILE.toml")
 ]
 Changes = Annotated[
     tuple[str, ...],
@@ -77,7 +77,7 @@ SourceName = Annotated[
     tyro.conf.Positional,
     option("folder of pictures, video file, picture or camera:0", "SOURCE"),
 ]
-TrackerName = Annotated[str, option("see `chromagrip trackers`", "NAME|MODULE:CLASS")]
+TrackerName = Annotated[str, option("see `chromagrip list trackers`", "NAME|MODULE:CLASS")]
 Noise = Annotated[
     float | None,
     option("of the camera, one standard deviation; by default estimated at rest", "LEVELS"),

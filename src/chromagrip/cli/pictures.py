@@ -51,8 +51,8 @@ _RECONSTRUCTOR = "auto"
 PaletteName = Annotated[
     str,
     option(
-        "auto to learn it from the picture, a name of `chromagrip palettes`, a sensor, or a .toml "
-        "file of either",
+        "auto to learn it from the picture, a name of `chromagrip list palettes`, a sensor, or a "
+        ".toml file of either",
         "auto|NAME|FILE",
     ),
 ]

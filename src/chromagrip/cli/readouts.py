@@ -1,4 +1,4 @@
-"""The command `readout`, and the training of a read-out that a command needs and a sensor lacks."""
+"""The command `list readouts`, and the training of a read-out that a sensor lacks."""
 
 import json
 import sys
@@ -11,7 +11,16 @@ import tyro
 from rich.table import Table
 
 from ..errors import located
-from .options import CORES, Json, counting, option, print_table, status, value_table
+from .options import (
+    CORES,
+    Json,
+    counting,
+    option,
+    print_list,
+    print_table,
+    status,
+    value_table,
+)
 
 if TYPE_CHECKING:  # OpenCV loads only when something is run
     from ..model import Dome, SoftBody
@@ -119,19 +128,36 @@ def _table(what: str) -> AbstractContextManager[Callable[..., None]]:
     return counting(f"{what}, once", "harmonics", logged=logged)
 
 
-def readout(
+def _list_readouts(json_only: bool) -> int:
+    """Where the read-out of each shipped sensor lies that has one."""
+    from ..render import sensor_names
+    from ..tracking import load_calibration
+    from ..tracking.forces.chain import readout_origin
+
+    entries = {}
+    for name in sensor_names():
+        known = load_calibration(name)
+        if known.readout is not None:
+            entries[name] = readout_origin(known.readout, known)
+    return print_list(entries, json_only)
+
+
+def readouts(
     sensor: Annotated[
-        str,
+        str | None,
         tyro.conf.Positional,
         option("sensor, its design, its calibration, or a read-out", "SENSOR|FILE.toml|FILE.npz"),
-    ],
+    ] = None,
     *,
     json_only: Json = False,
 ) -> int:
-    """Show a sensor's trained read-out and the ranges that its training spanned.
+    """List the trained read-outs of the shipped sensors, or show one with its training ranges.
 
-    Example: chromagrip readout thesis
+    Example: chromagrip list readouts thesis
     """
+    if sensor is None:
+        return _list_readouts(json_only)
+
     from ..calibrate.training_ranges import range_lines
     from ..tracking import load_calibration
     from ..tracking.forces import required_readout

@@ -63,7 +63,8 @@ def render(
         str, option("scene whose object and sensor are used, or a .toml file", "NAME|FILE.toml")
     ] = DEFAULT_SCENE,
     sensor: Annotated[
-        str | None, option("sensor design, see `chromagrip sensors`, or a .toml file", "NAME|FILE")
+        str | None,
+        option("sensor design, see `chromagrip list sensors`, or a .toml file", "NAME|FILE"),
     ] = None,
     grip: Annotated[tuple[float, ...], option("grip forces of the sweep", "N...")] = (),
     load: Annotated[tuple[float, ...], option("lateral loads, at each grip", "N...")] = (),

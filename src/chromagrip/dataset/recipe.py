@@ -17,7 +17,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from ..by_name import as_in_file, with_allowed
-from ..errors import UserError
+from ..errors import UserError, meant
 from ..loop.methods import reconstructor_for
 from ..loop.poses.dome_poses import DomePose
 from ..scene.scene import Body, Scene, parse_scene, relative
@@ -135,7 +135,8 @@ def load_recipe(
         values = parse_toml((SHIPPED / f"{name}.toml").read_text(encoding="utf-8"), title)
     else:
         raise UserError(
-            f"no recipe {name!r}; there is {', '.join(recipe_names())}, or a .toml file"
+            f"no recipe {name!r}{meant(name, recipe_names())}; there is "
+            f"{', '.join(recipe_names())}, or a .toml file"
         )
     recipe = convert(with_allowed(values, allow), Recipe, title)
     if name.endswith(".toml"):  # its files are relative to it

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from collections.abc import Collection, Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -20,7 +21,7 @@ from ..control import (
     ReactToSlipSettings,
     SafetyMarginSettings,
 )
-from ..errors import UserError, located
+from ..errors import UserError, located, meant
 from ..model import (
     ContactObject,
     Fingertip,
@@ -381,7 +382,8 @@ def load_scene(
         path = Path(name)
     else:
         raise UserError(
-            f"no scene {name!r}; there is {', '.join(scene_names())}, or give a .toml file"
+            f"no scene {name!r}{meant(name, scene_names())}; there is {', '.join(scene_names())}, "
+            "or give a .toml file"
         )
     values = with_allowed(read_toml(path, f"scene file {name}"), allow)
     # Files in a scene file are relative to it, those on the command line to the working folder.
@@ -457,6 +459,9 @@ def parse_change(text: str) -> tuple[str, Any]:
     if not equals or not key.strip():
         raise UserError(f"--set {text}: expected key=value, such as object.friction=0.3")
     try:
+        if re.fullmatch(r"[\s\d+\-.,eE\[\]]+", value):
+            # A number may begin with its point, which TOML does not allow.
+            value = re.sub(r"(?<![\d.])\.(?=\d)", "0.", value)
         return key.strip(), parse_toml(f"value = {value}", "--set")["value"]
     except UserError:
         return key.strip(), value.strip()
