@@ -41,7 +41,7 @@ def test_scenes_of_the_thesis_object() -> None:
         (
             "speed",
             1,
-            "unknown key speed .did you mean seed\?.; allowed here: description, duration_s",
+            r"unknown key speed .did you mean seed\?.; allowed here: description, duration_s",
         ),
         ("object.stiffness_kpa", -3, "object.stiffness_kpa = -3: expected a number > 0.0"),
         ("object.friction", math.nan, "object.friction = nan"),
