@@ -28,7 +28,7 @@ from chromagrip.dataset.folder import FILES, MANIFEST, TABLE, sequence_name
 from chromagrip.dataset.make import Backend, make, merge
 from chromagrip.dataset.recipe import Recipe, drawn, load_recipe, recipe_names, scene_of
 from chromagrip.dataset.sequence import sequence, shots
-from chromagrip.dataset.split import split
+from chromagrip.dataset.split import shared_shapes, split, values_of_parts
 from chromagrip.folders import filling
 from chromagrip.scene.scene import load_scene
 
@@ -312,7 +312,7 @@ def test_forces_on_a_surface_that_stays_balance(tmp_path: Path) -> None:
 
 def test_parts_share_no_object(tiny: Path, tmp_path: Path) -> None:
     made = copied(tiny, tmp_path / "split")
-    parts = split(made, {"train": 0.6, "test": 0.4})
+    parts = split(made, {"train": 0.6, "test": 0.4}, by="object")
     every = sorted(name for names in parts.values() for name in names)
     assert every == [sequence_name(k) for k in range(3)]
     assert all(parts.values())
@@ -325,8 +325,28 @@ def test_parts_share_no_object(tiny: Path, tmp_path: Path) -> None:
     (made / "split.json").unlink()
     with pytest.raises(UserError, match="add up to 1"):
         split(made, {"train": 0.6, "test": 0.3})
-    with pytest.raises(UserError, match="3 objects, too few for 4 parts"):
-        split(made, dict.fromkeys("abcd", 0.25))
+    with pytest.raises(UserError, match="differs in 3 of object, too few for 4 parts"):
+        split(made, dict.fromkeys("abcd", 0.25), by="object")
+    with pytest.raises(UserError, match=r"object.fricton was drawn \(did you mean object.friction"):
+        split(made, {"train": 0.6, "test": 0.4}, by="object.fricton")
+
+
+def test_a_shape_is_in_one_part_unless_it_is_split_by_object(tmp_path: Path) -> None:
+    """Boxes of one size that differ in their friction are one shape; a network would know it."""
+    draw = {
+        "object.radius_mm": {"each": [8.0, 20.0, 50.0]},
+        "object.friction": {"uniform": [0.3, 0.8]},
+    }
+    make(replace(TINY, sequences=9, draw={**TINY.draw, **draw}), tmp_path / "data")
+    shares = {"train": 0.7, "test": 0.3}
+    values = values_of_parts(tmp_path / "data", split(tmp_path / "data", shares))
+    radii = values["object.radius_mm"]
+    assert not set(radii["train"]) & set(radii["test"])
+    assert {*radii["train"], *radii["test"]} == {"8", "20", "50"}
+    assert shared_shapes(values) == []
+    leaking = values_of_parts(tmp_path / "data", split(tmp_path / "data", shares, by="object"))
+    assert shared_shapes(leaking)
+    assert all("is in train and test" in sentence for sentence in shared_shapes(leaking))
 
 
 def test_a_full_disk_leaves_nothing_half_written(

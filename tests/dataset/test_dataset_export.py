@@ -165,7 +165,7 @@ def halves(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tiny dataset, split: one object is for tests."""
     folder = tmp_path_factory.mktemp("data") / "split"
     shutil.copytree(tiny, folder)
-    parts = split(str(folder), {"train": 0.6, "test": 0.4}, seed=1)
+    parts = split(str(folder), {"train": 0.6, "test": 0.4}, seed=1, by="object")
     assert sorted(len(names) for names in parts.values()) == [1, 2]
     return folder
 

@@ -1,5 +1,6 @@
 """The commands `dataset …`: make, check, info, export, split, merge."""
 
+import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -105,11 +106,18 @@ def make(
         loaded = replace(loaded, store=store)
     check_least(workers=(workers, 1))
     again: list[str] = []
-    with counting("sequences", transient=False) as progress:
-        manifest = make_dataset(
-            loaded, out, workers=workers, shard=_shard(shard), backend=backend, address=address,
-            resume=resume, progress=progress, damaged=again.extend,
-        )  # fmt: skip
+    try:
+        with counting("sequences", transient=False) as progress:
+            manifest = make_dataset(
+                loaded, out, workers=workers, shard=_shard(shard), backend=backend, address=address,
+                resume=resume, progress=progress, damaged=again.extend,
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        print(
+            f"chromagrip: what is done is in {out}; the same command with --resume goes on",
+            file=sys.stderr,
+        )
+        raise
     made: dict[str, object] = {"sequences": len(manifest["sequences"]), "folder": str(out)}
     if resume:
         made["damaged_and_made_again"] = len(again)
@@ -197,20 +205,38 @@ def split(
     folder: Folder,
     *,
     shares: Annotated[
-        str, option("parts and their shares of the objects", "NAME=SHARE,...")
+        str, option("parts and their shares", "NAME=SHARE,...")
     ] = "train=0.8,validation=0.1,test=0.1",
-    seed: Annotated[int, option("of the order of the objects", "N")] = 0,
+    by: Annotated[
+    """Split a dataset so that no two parts share a shape, object, …; writes split.json.
+        option("what no two parts share: a shape, an object, a drawn value", "shape|object|KEY"),
+    ] = "shape",
+    seed: Annotated[int, option("of the order", "N")] = 0,
     follow_links: FollowLinks = False,
     json_only: Json = False,
 ) -> int:
-    """Split a dataset by object, so that no object is in two parts; writes split.json.
+    """Split a dataset so that no two parts share a shape, object, sensor, …; writes split.json.
 
-    Example: chromagrip dataset split data --shares train=0.9,test=0.1
+    It prints which values each part has, and says where a shape is in several parts.
+
+    Example: chromagrip dataset split data --shares train=0.9,test=0.1 --by object
     """
+    from ..dataset.remote import fetched
+    from ..dataset.split import shared_shapes, values_of_parts
     from ..dataset.split import split as split_dataset
+    from ..output.report import Table, table_lines
 
-    parts = split_dataset(folder, _shares(shares), seed, follow_links=follow_links)
-    print_values({name: len(names) for name, names in parts.items()}, json_only)
+    parts = split_dataset(folder, _shares(shares), seed, by=by, follow_links=follow_links)
+    counts = {name: len(names) for name, names in parts.items()}
+    if json_only:
+        print_values(counts, json_only)
+        return 0
+    values = values_of_parts(fetched(folder, follow_links), parts)
+    lines = [("sequences", *map(str, counts.values()))]
+    lines += [(key, *(", ".join(each[part]) for part in parts)) for key, each in values.items()]
+    print(*table_lines(Table(("", *parts), tuple(lines))), sep="\n")
+    for sentence in shared_shapes(values):
+        print(f"{sentence}: --by shape keeps a shape in one part")
     return 0
 
 

@@ -121,7 +121,18 @@ def print_values(values: Mapping[str, object], json_only: bool) -> None:
     if json_only:
         print(json.dumps(dict(values), ensure_ascii=False))
         return
-    print_list({name: str(value) for name, value in values.items()}, json_only=False)
+    print_list({name: in_words(value) for name, value in values.items()}, json_only=False)
+
+
+def in_words(value: object) -> str:
+    """Value of a result as text for a reader: lists and tables without brackets."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {in_words(each)}" for name, each in value.items()) or "none"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(in_words, value)) or "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "–" if value is None else str(value)
 
 
 def print_table(table: Table) -> None:

@@ -1,4 +1,4 @@
-"""Split a dataset by object: no object is in two parts."""
+"""Split a dataset by what must not be in two parts: shapes, objects, sensors or any drawn value."""
 
 import json
 import os
@@ -9,7 +9,7 @@ from zlib import crc32
 import msgspec
 import numpy as np
 
-from ..errors import UserError
+from ..errors import UserError, meant
 from ..extras import need
 from ..folders import write_whole
 from ..strange_files import read_small, shortened
@@ -22,25 +22,42 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
+#: Drawn values that make a shape.
+_SHAPE = tuple(
+    f"object.{key}"
+    for key in ("shape", "radius_mm", "profile_mm", "size_mm", "rounding_mm", "mesh", "surface")
+)
+#: Most values of a key that are told apart in a table of parts.
+_FEW = 12
+
+
 def split(
-    folder: Place, shares: dict[str, float], seed: int = 0, *, follow_links: bool = False
+    folder: Place,
+    shares: dict[str, float],
+    seed: int = 0,
+    *,
+    by: str = "shape",
+    follow_links: bool = False,
 ) -> dict[str, list[str]]:
     """Split a dataset into parts, and write split.json; returns the sequences' names by part.
 
-    All sequences of one object (equal in every drawn value of `object.…`) are in one part.
+    Sequences that are equal in what `by` names are in one part. Where all have one shape, `shape`
+    is the same as `object`.
 
     Parameters
     ----------
     folder: folder of the dataset, or its address
     shares: share of each part, by name, adding up to 1
-    seed: seed of the order of the objects (default 0)
+    seed: seed of the order of the groups (default 0)
+    by: `shape` (radius, profile, size, mesh), `object` (every drawn value of `object.…`), or the
+        key of a drawn value, such as `sensor` or `camera.noise_levels`
     follow_links: whether links in the folder may lead out of it, as in caches of hubs
 
     Raises
     ------
     UserError
         When shares do not add up, a part has a name that no folder can have, the dataset is
-        damaged, or there are fewer objects than parts.
+        damaged, nothing of that name was drawn, or there are fewer groups than parts.
     """
     for name in shares:
         _check_part(name, "shares")
@@ -48,17 +65,23 @@ def split(
         given = ", ".join(f"{name} {share:g}" for name, share in shares.items())
         raise UserError(f"shares must be above 0 and add up to 1, got {given}")
     address, folder = folder, fetched(folder, follow_links)
-    objects = _objects(drawn_table(folder, list(read_manifest(folder)["sequences"])).to_pylist())
-    keys = sorted(objects)
+    rows = drawn_table(folder, list(read_manifest(folder)["sequences"])).to_pylist()
+    groups = _groups(rows, by)
+    if by == "shape" and len(groups) == 1:
+        by, groups = "object", _groups(rows, "object")
+    keys = sorted(groups)
     if len(keys) < len(shares):
-        raise UserError(f"{folder} has {len(keys)} objects, too few for {len(shares)} parts")
+        advice = "; by object there may be more" if by == "shape" else ""
+        raise UserError(
+            f"{folder} differs in {len(keys)} of {by}, too few for {len(shares)} parts{advice}"
+        )
     order = np.random.default_rng([seed, crc32(b"split")]).permutation(len(keys))
     ends = np.rint(np.cumsum(list(shares.values())) * len(keys)).astype(int)
-    # Every part has at least one object.
+    # Every part has at least one group.
     for k in range(len(ends)):
         ends[k] = min(max(ends[k], k + 1), len(keys) - (len(ends) - 1 - k))
     parts = {
-        name: sorted(sequence_name(n) for at in order[low:high] for n in objects[keys[at]])
+        name: sorted(sequence_name(n) for at in order[low:high] for n in groups[keys[at]])
         for name, low, high in zip(shares, [0, *ends[:-1]], ends, strict=True)
     }
     write_whole(folder / SPLIT, (json.dumps(parts, indent=1) + "\n").encode())
@@ -131,10 +154,51 @@ def drawn_table(folder: Path, names: list[str]) -> "pa.Table":
     return table
 
 
-def _objects(rows: list[Values]) -> dict[str, list[int]]:
-    """Numbers of the sequences of each object, by the values drawn for it."""
+def _groups(rows: list[Values], by: str) -> dict[str, list[int]]:
+    """Numbers of the sequences that are equal in what `by` names."""
+    drawn = sorted({key for row in rows for key in row} - {"number"})
+    keys = {
+        "object": [key for key in drawn if key.split(".")[0] == "object"],
+        "shape": [key for key in drawn if key in _SHAPE],
+    }.get(by, [key for key in drawn if key == by])
+    if not keys and by not in ("object", "shape"):
+        known = ["shape", "object", *drawn]
+        raise UserError(
+            f"nothing called {by} was drawn{meant(by, known)}; there is {', '.join(known)}"
+        )
     found: dict[str, list[int]] = {}
     for row in rows:
-        own = {key: value for key, value in sorted(row.items()) if key.split(".")[0] == "object"}
+        own = {key: row.get(key) for key in keys}
         found.setdefault(json.dumps(own, default=repr), []).append(row["number"])
     return found
+
+
+def values_of_parts(folder: Path, parts: dict[str, list[str]]) -> dict[str, dict[str, list[str]]]:
+    """Values of each drawn key in each part, of keys with few values; by key, then by part."""
+    rows = drawn_table(folder, list(read_manifest(folder)["sequences"])).to_pylist()
+    by_name = {sequence_name(row["number"]): row for row in rows}
+    found = {}
+    for key in sorted({key for row in rows for key in row} - {"number"}):
+        values = {
+            part: sorted({_text(by_name[name].get(key)) for name in names})
+            for part, names in parts.items()
+        }
+        if len({value for each in values.values() for value in each}) <= _FEW:
+            found[key] = values
+    return found
+
+
+def shared_shapes(values: dict[str, dict[str, list[str]]]) -> list[str]:
+    """A sentence for each part of a shape that is in several parts of a dataset."""
+    sentences = []
+    for key in (key for key in values if key in _SHAPE):
+        parts = values[key]
+        for value in sorted({value for each in parts.values() for value in each}):
+            where = [part for part, each in parts.items() if value in each]
+            if len(where) > 1 and len({v for each in parts.values() for v in each}) > 1:
+                sentences.append(f"{key} {value} is in {' and '.join(where)}")
+    return sentences
+
+
+def _text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
