@@ -208,8 +208,8 @@ def split(
         str, option("parts and their shares", "NAME=SHARE,...")
     ] = "train=0.8,validation=0.1,test=0.1",
     by: Annotated[
-    """Split a dataset so that no two parts share a shape, object, …; writes split.json.
-        option("what no two parts share: a shape, an object, a drawn value", "shape|object|KEY"),
+        str,
+        option("no two parts share it: a shape, an object, a drawn value", "shape|object|KEY"),
     ] = "shape",
     seed: Annotated[int, option("of the order", "N")] = 0,
     follow_links: FollowLinks = False,
