@@ -7,8 +7,8 @@ render, track, force, force-dome, loop-dome, control-pinch, ranges, tolerances, 
 limit-dome, stability, stability-track, stability-force, stability-loop, stability-loop-dome,
 stability-loop-pinch, appendix-b, reproduction.
 Without arguments all of them are made, which takes some hours alone on two cores. Nothing in
-docs/images/, docs/bench-*.md, docs/training-ranges.md and docs/reproduction.md is written by hand,
-nor what other pages have between two marks of `fill`.
+docs/images/ is written by hand, nor what docs/appendix/ has after the first lines of its pages, nor
+what other pages have between two marks of `fill`.
 """
 
 import json
@@ -46,6 +46,7 @@ from chromagrip.output.report import Table, machine, markdown, number, report_ma
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
+APPENDIX = DOCS / "appendix"
 #: Width of a page [px].
 PAGE = 1000
 TITLES = {
@@ -81,11 +82,17 @@ def keep(words: str, files: Mapping[str, Path]) -> None:
 
 
 def write(page: str, title: str, command: str, lines: Iterable[str]) -> None:
-    """Write a page of results with the command and the machine that they come from."""
+    """Write a page of results with the command and the machine that they come from.
+
+    What stands between the title and the line of the command is written by hand, and is kept.
+    """
+    path = APPENDIX / f"{page}.md"
+    before = path.read_text(encoding="utf-8") if path.exists() else ""
+    lead = before.partition("\n")[2].partition("Printed by `docs/make.py`")[0].strip()
     system = ", ".join(f"{key} {value}" for key, value in machine().items())
     printed = f"Printed by `docs/make.py` from `{command}` on: {system}."
-    text = "\n".join([f"# {title}", "", printed, "", *lines])
-    (DOCS / f"{page}.md").write_text(text.rstrip() + "\n", encoding="utf-8")
+    text = "\n".join([f"# {title}", "", *([lead, ""] if lead else []), printed, "", *lines])
+    path.write_text(text.rstrip() + "\n", encoding="utf-8")
 
 
 def fill(page: str, name: str, lines: Iterable[str]) -> None:
@@ -194,7 +201,7 @@ def bodies() -> None:
     (IMAGES / "bodies.png").write_bytes(png(draw_side_by_side(sides)))
     load = COMPARED * FRICTION * GRIP
     grasp = f"Grip {GRIP:g} N, then a load of {load:g} N, µ {FRICTION:g}:"
-    fill("bodies", "side by side", [grasp, "", *markdown(side_table(sides))])
+    fill("node-models", "side by side", [grasp, "", *markdown(side_table(sides))])
     found: dict[str, dict[str, str]] = {}
     for row in engine_rows(False):
         found.setdefault(row.subject[-1], {})[row.score] = number(row.value, ".1e")
@@ -209,7 +216,7 @@ def bodies() -> None:
         for name, values in found.items()
         if scores.keys() <= values.keys()
     ]
-    fill("bodies", "engines", markdown(Table(("", *scores.values()), tuple(lines))))
+    fill("node-models", "engines", markdown(Table(("", *scores.values()), tuple(lines))))
 
 
 def force() -> None:
@@ -311,7 +318,7 @@ def stability_of_the_model() -> None:
     for part, name in (("model", "map"), ("dome", "dome")):
         files = {
             f"{name}.png": IMAGES / f"stability-{part}.png",
-            f"{name}.csv": DOCS / f"stability-{part}.csv",
+            f"{name}.csv": APPENDIX / f"stability-{part}.csv",
         }
         keep_of_the_project(f"stability-{part}", files)
 
@@ -321,7 +328,7 @@ def stability_of_the_loop() -> None:
     with made_by("stability", "loop") as folder:
         for picture in folder.glob("*.png"):
             shutil.copy(picture, IMAGES / f"stability-loop-{picture.name}")
-        shutil.copy(folder / "boundaries.csv", DOCS / "stability-loop.csv")
+        shutil.copy(folder / "boundaries.csv", APPENDIX / "stability-loop.csv")
 
 
 def stability_of_grips(world: str) -> None:
@@ -330,7 +337,7 @@ def stability_of_grips(world: str) -> None:
         for picture in folder.glob("*.png"):
             shutil.copy(picture, IMAGES / f"stability-loop-{world}-{picture.name}")
         for table_of in folder.glob("*.csv"):
-            shutil.copy(table_of, DOCS / f"stability-loop-{world}-{table_of.name}")
+            shutil.copy(table_of, APPENDIX / f"stability-loop-{world}-{table_of.name}")
 
 
 #: Amount of the thesis that the documentation shows.
@@ -349,7 +356,7 @@ def reproduction(plan: Plan = REPRODUCED) -> None:
         "The values that the thesis prints are in `src/chromagrip/measure/reproduce/printed.toml`.",
         "It has no data of its figures: numbers and sentences are compared, and curves by their",
         "shape only. `chromagrip reproduce appendix-b` is about Figs. 20 to 27: see",
-        "`node-models.md`.",
+        "`../node-models.md`.",
         "",
         *markdown(Table(("", "verdict", ""), verdicts)),
     ]
@@ -357,7 +364,7 @@ def reproduction(plan: Plan = REPRODUCED) -> None:
         name = f"{section.part}.png"
         shutil.copy(folder / name, IMAGES / f"reproduced-{name}")
         lines += ["", f"## {section.heading}: {section.title}, {section.verdict}", ""]
-        lines += [f"![{section.title}](images/reproduced-{name})"]
+        lines += [f"![{section.title}](../images/reproduced-{name})"]
         for each in section.tables:
             lines += ["", *markdown(each)]
         lines += ["", *(f"- {note}" for note in section.notes)]
@@ -386,6 +393,10 @@ def gallery() -> None:
         "# Gallery",
         "",
         "The command below a picture makes it, as the file that is named.",
+        "Choose `render` for one picture of a pose, `grasp` for a video and curves over time, and",
+        "`dataset make` for labelled sequences. The 12 pictures have three sensors, four contacts,",
+        "three grasps and a dataset, at most 1000 px wide; a video is shown by one frame.",
+        "All are simulated; [the renderers](bench-render.md) has the errors against a real sensor.",
         "",
     ]
     for section, entries in GALLERY.items():
@@ -394,9 +405,14 @@ def gallery() -> None:
             with made_by(*entry.command.split()) as folder:
                 picture = picture_of(folder / entry.file, entry.at_s)
             cv2.imwrite(str(IMAGES / "gallery" / f"{entry.name}.jpg"), picture)
-            lines += [f"![{entry.caption}](images/gallery/{entry.name}.jpg)", "", entry.caption, ""]
+            lines += [
+                f"![{entry.caption}](../images/gallery/{entry.name}.jpg)",
+                "",
+                entry.caption,
+                "",
+            ]
             lines += ["```", f"chromagrip {entry.command}   # {entry.file}", "```", ""]
-    (DOCS / "gallery.md").write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+    (APPENDIX / "gallery.md").write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
 
 
 def frame_at(file: Path, at_s: float) -> Any:
@@ -442,12 +458,12 @@ PARTS: dict[str, Callable[[], None]] = {
     "stability-track": partial(
         keep,
         "stability track",
-        {"map.png": IMAGES / "stability-track.png", "map.csv": DOCS / "stability-track.csv"},
+        {"map.png": IMAGES / "stability-track.png", "map.csv": APPENDIX / "stability-track.csv"},
     ),
     "stability-force": partial(
         keep,
         "stability force",
-        {"map.png": IMAGES / "stability-force.png", "map.csv": DOCS / "stability-force.csv"},
+        {"map.png": IMAGES / "stability-force.png", "map.csv": APPENDIX / "stability-force.csv"},
     ),
     "stability-loop": stability_of_the_loop,
     "stability-loop-dome": partial(stability_of_grips, "dome"),

@@ -17,7 +17,6 @@ from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 
 from chromagrip import Reader, dataset
-from chromagrip.output.pictures import read_picture
 from chromagrip.render import gl_problem
 from chromagrip.sensing.reader import known_sensor
 
@@ -28,7 +27,7 @@ def tracked(sequence: dataset.Loaded) -> tuple[np.ndarray, list[float]]:
     """Tracked displacements, (T, 4M), and Γ by chromagrip's own read-out, (T,)."""
     scene, known = sequence.scene, known_sensor(sequence.scene)
     noise, window = scene.camera.noise_levels, scene.safety_margin.friction_window_s
-    reader = Reader(known, [read_picture(sequence.rest)], noise=noise, window=window)
+    reader = Reader(known, [sequence.pictures.rest], noise=noise, window=window)
     designed = known.sensor.view.project(known.sensor.shape.points(known.sensor.places, 0.0))
     number = KDTree(reader.rest.position[0]).query(designed)[1]  # in the labels' order
     pictures = zip(sequence.images(), sequence.frames["time_s"], strict=True)

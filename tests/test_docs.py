@@ -24,6 +24,7 @@ from chromagrip.output.parquet import DISPLACEMENTS, FORCES, TRACKS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "fixtures/README.md"])
+APPENDIX = sorted((ROOT / "docs/appendix").glob("*.md"))
 Typed = Callable[..., CompletedProcess[str]]
 
 
@@ -76,6 +77,28 @@ def test_the_index_lists_every_page() -> None:
 
 def test_the_readme_fits_on_a_page() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 80
+
+
+def words_of(page: Path) -> int:
+    """Number of words; a bar or a rule of a table is none."""
+    return len(re.findall(r"\S*\w\S*", page.read_text(encoding="utf-8")))
+
+
+def test_the_pages_that_one_reads_stay_few_and_short() -> None:
+    read = [page for page in (ROOT / "docs").rglob("*.md") if page.parent.name != "appendix"]
+    assert len(read) <= 20
+    assert sum(map(words_of, read)) <= 30_000
+    assert sum(map(words_of, APPENDIX)) <= 25_000
+
+
+@pytest.mark.parametrize("page", APPENDIX, ids=name_of)
+def test_a_page_of_the_appendix_opens_with_what_a_user_takes_from_it(page: Path) -> None:
+    _, *lines = page.read_text(encoding="utf-8").splitlines()
+    lead = "\n".join(lines).strip().split("\n\n")[0]
+    assert 3 <= len(lead.splitlines()) <= 6
+    assert all(len(line) <= 160 for line in lead.splitlines())
+    assert "Printed by" not in lead
+    assert "|" not in lead
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -218,7 +241,8 @@ def test_the_example_of_the_pinch_runs(capsys: pytest.CaptureFixture[str]) -> No
 
 def test_the_examples_of_sensor_and_reader_run(capsys: pytest.CaptureFixture[str]) -> None:
     """In one space of names; what is read is what is true."""
-    text = (ROOT / "docs/sensor.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/environments.md").read_text(encoding="utf-8")
+    _, text = page.split("## A sensor and a reader")
     space: dict[str, Any] = {}
     for block in (block for language, block in blocks(text) if language == "python"):
         exec(block, space)

@@ -26,7 +26,14 @@ OUTSIDE = {
     "README.md": "overview.md",
 }
 #: Weights of pages in the search, by the beginning of their places.
-BOOSTS = {"reference": 0.3, "CHANGELOG.md": 0.1, "symbols.md": 3, "tutorials": 2, "overview.md": 2}
+BOOSTS = {
+    "reference": 0.3,
+    "appendix": 0.3,
+    "CHANGELOG.md": 0.1,
+    "symbols.md": 3,
+    "tutorials": 2,
+    "overview.md": 2,
+}
 
 
 def public_names(package: str) -> list[str]:
@@ -106,7 +113,7 @@ def index_of(package: str, lines: dict[str, str]) -> str:
 
 
 def on_config(config: Any, **_: Any) -> Any:
-    """List the made pages in the navigation: the public names, and what is measured."""
+    """List the made pages in the navigation: the public names, and the appendix."""
     python: list[Any] = []
     for package in PACKAGES:
         home = "/".join(filter(None, ["reference", package, "index.md"]))
@@ -116,10 +123,9 @@ def on_config(config: Any, **_: Any) -> Any:
             if name != "__version__"
         ]
         python.append({f"chromagrip.{package}".rstrip("."): [home, *names]})
-    measured = sorted(path.name for path in (ROOT / "docs").glob("*.md"))
-    listed = re.findall(r"[\w/-]+\.md", str(config.nav))
+    appendix = sorted((ROOT / "docs/appendix").glob("*.md"))
     config.nav += [
-        {"Measured": [page for page in measured if page not in listed]},
+        {"Appendix": [f"appendix/{page.name}" for page in appendix]},
         {"Project": [*OUTSIDE.values()]},
     ]
     for section in config.nav:

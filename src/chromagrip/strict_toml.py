@@ -111,7 +111,7 @@ def _plain(message: str, key: str, kind: Any) -> str:
     wanted = message.partition("`")[2].partition("`")[0]
     for type_name, word in _WORDS.items():
         message = message.replace(f"`{type_name}`", word)
-    example = _EXAMPLES.get(wanted, "")
+    example = _EXAMPLES.get(wanted, "") if ", got " in message else ""  # not out of bounds
     return message[0].lower() + message[1:] + (f", such as {example}" if example else "")
 
 

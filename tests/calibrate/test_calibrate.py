@@ -10,7 +10,7 @@ import pytest
 
 from chromagrip.calibrate.lens.corners import find_corners, image_files
 from chromagrip.calibrate.lens.folder import calibrate_camera
-from chromagrip.cli.calibrate import calibrate
+from chromagrip.cli.calibrate import calibrate_camera as calibrate
 from chromagrip.errors import UserError
 from chromagrip.render import FisheyeCamera, PinholeCamera, load_camera
 from chromagrip.render.optics.board import Board, board_picture

@@ -278,7 +278,7 @@ def test_the_table_of_ranges_has_every_field_of_the_training() -> None:
 
 def test_the_pages_have_the_ranges_and_sizes_of_the_training() -> None:
     """Made by `docs/make.py ranges`."""
-    page = (DOCS / "training-ranges.md").read_text(encoding="utf-8")
+    page = (DOCS / "appendix/training-ranges.md").read_text(encoding="utf-8")
     for cells in range_lines(training_ranges(VARIATIONS, NOISE, HISTORIES, EPOCHS)):
         assert f"| {' | '.join(cells)} |" in page
     text = (DOCS / "forces.md").read_text(encoding="utf-8")

@@ -8,7 +8,7 @@ from msgspec.structs import replace as changed
 from chromagrip.calibrate import readout as training
 from chromagrip.calibrate.learner import Learner
 from chromagrip.calibrate.networks import NOISE, Basis, Errors
-from chromagrip.cli.calibrate import train
+from chromagrip.cli.calibrate import calibrate_readout as train
 from chromagrip.errors import UserError
 from chromagrip.render import SensorDesign
 from chromagrip.tracking import load_calibration

@@ -21,6 +21,7 @@ import tomli_w
 from msgspec.structs import replace
 
 from chromagrip import UserError
+from chromagrip.cli.pictures import estimate
 from chromagrip.dataset import folder as dataset_folder
 from chromagrip.dataset import load_sequences
 from chromagrip.dataset.check import check
@@ -641,3 +642,35 @@ def test_sequences_of_one_object_are_in_one_part(tmp_path: Path) -> None:
     }
     assert sorted(len(own) for own in parts.values()) == [2, 4]
     assert not friction["train"] & friction["test"]
+
+
+def test_a_sheet_cuts_off_nothing(tiny: Path) -> None:
+    """No ink touches the border, for as many sequences as fill a part of a row."""
+    sheet = cv2.imread(str(tiny / "contact-sheet.png"))
+    assert sheet is not None
+    for border in (sheet[:3], sheet[-3:], sheet[:, :3], sheet[:, -3:]):
+        assert (border == 255).all()
+
+
+def test_truth_stands_next_to_the_estimates_and_changes_none(tiny: Path, tmp_path: Path) -> None:
+    sequence, bare = tiny / "sequence-000002", tmp_path / "bare"
+    bare.mkdir()
+    for picture in sequence.glob("*.png"):
+        shutil.copy(picture, bare)
+    found = {}
+    for folder in (sequence, bare):
+        out = tmp_path / f"of-{folder.name}"
+        assert estimate(str(folder / "rest.png"), str(folder), calibration="thesis", out=out) == 0
+        found[folder] = (json.loads((out / "summary.json").read_text()), out / "estimates.parquet")
+    summary, table = found[sequence]
+    assert table.read_bytes() == found[bare][1].read_bytes()
+    assert found[bare][0]["truth"] == {}
+    frames, read = pq.read_table(sequence / "frames.parquet"), pq.read_table(table)
+    for name in ("normal_n", "friction_n"):
+        true, value = frames[name].to_numpy(), read[name].to_numpy()
+        there = np.isfinite(value)
+        told = summary["truth"][name]
+        assert told["rms_error"] == pytest.approx(
+            np.linalg.norm((true - value)[there]) / there.sum() ** 0.5
+        )
+        assert told["last"] == true[there][-1]

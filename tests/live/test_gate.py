@@ -130,7 +130,7 @@ def test_addresses_that_cannot_be_used(typed: Typed) -> None:
         (("--token", "short"), "--token: expected 16 or more"),
         (("--port", "0"), "port 0 does not exist"),
         (("--run", "nowhere"), "nowhere is not a run folder"),
-        (("--rest", "first"), "--rest goes with --source"),
+        (("--rest", "first"), "--rest is an option of --source"),
         (("dome-1", "--run", "x"), "--run has a scene of its own"),
         (("--source", "x"), "--source needs --calibration"),
         (("--source", "x", "--run", "y"), "--run and --source are two pages"),

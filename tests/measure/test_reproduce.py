@@ -484,7 +484,7 @@ def test_a_quick_run_says_what_it_leaves_out() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"part": "figure-9", "camera": "thesis"}, "--camera goes with all, table-2"),
+        ({"part": "figure-9", "camera": "thesis"}, "--camera is an option of all, table-2"),
         ({"part": "appendix-b", "quick": True}, "neither a camera nor a quick run"),
         ({"part": "figure-9", "workers": 0}, "--workers 0: expected 1 or more"),
     ],

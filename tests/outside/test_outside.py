@@ -308,4 +308,4 @@ def test_from_the_command_line(typed: Typed, taken: Path, tmp_path: Path) -> Non
         "report.html",
     }
     done = typed("grasp", "--gripper", "simulated")
-    assert "--gripper goes with --source" in done.stderr
+    assert "--gripper is an option of --source" in done.stderr

@@ -559,7 +559,10 @@ def test_an_impossible_dial_is_one_sentence(values: dict[str, object], sentence:
 
 
 def test_an_unknown_dial_is_named() -> None:
-    with pytest.raises(ValueError, match=r"defects: unknown key dusty; allowed here: shot_noise"):
+    with pytest.raises(
+        ValueError,
+        match=r"defects: unknown key dusty \(did you mean dust\?\); allowed here: shot_noise",
+    ):
         convert({"dusty": 3}, Defects, "defects")
 
 

@@ -131,7 +131,10 @@ def test_camera_from_a_calibration_file(tmp_path: Path) -> None:
             {"layout.kind": "hexagonal"},
             "kind must be one of geodesic, spiral, meridian, grid, ring, file",
         ),
-        ({"layout.pitch": 3.0}, "unknown key layout.pitch; allowed here: kind, count"),
+        (
+            {"layout.pitch": 3.0},
+            r"unknown key layout.pitch \(did you mean layout.pitch_mm\?\); allowed here: kind, count",
+        ),
         ({"layout": {"kind": "file", "path": "none.csv"}}, "layout file .*none.csv cannot be read"),
         (
             {"layout": {"kind": "grid", "rows": 60, "columns": 2, "pitch_mm": 1.0}},

@@ -158,9 +158,11 @@ def grasp(
     chosen = {name: value for name, value in outside.items() if value is not None}
     if source is None and chosen:
         flag = next(iter(chosen)).removesuffix("_s").replace("_", "-").removesuffix("uments")
-        raise UserError(f"--{flag} goes with --source")
+        raise UserError(f"--{flag} is an option of --source: give a --source, or leave it out")
     if source is not None and frames is not None:
-        raise UserError(f"--frames {frames} does not go with --source, whose frames are there")
+        raise UserError(
+            f"--frames {frames} is for simulated pictures; those of --source exist already"
+        )
     if frame_within is not None and not frame_within > 0.0:
         raise UserError(f"--frame-within {frame_within}: expected more than 0; inf is no limit")
     if out is None and not json_only:
@@ -310,17 +312,17 @@ def live(
     ] = None,
     calibration: Annotated[
         str | None,
-        option("of --source: of `chromagrip calibrate sensor`, or a sensor's name", "NAME|FILE"),
+        option("for --source: file of `chromagrip calibrate sensor`, or a sensor", "NAME|FILE"),
     ] = None,
     rest: Annotated[
         str | None,
-        option("of --source: the unloaded sensor, as in `estimate`; by default first:8", "REST"),
+        option("for --source: the unloaded sensor, as in `estimate`; by default first:8", "REST"),
     ] = None,
     reconstructor: Annotated[
         str | None,
-        option("of --source: how forces are read off the markers", "NAME|MODULE:CLASS"),
+        option("for --source: how forces are read off the markers", "NAME|MODULE:CLASS"),
     ] = None,
-    fps: Annotated[float | None, option("of --source: rate of pictures", "HZ")] = None,
+    fps: Annotated[float | None, option("for --source: pictures per second", "HZ")] = None,
     record: Annotated[Path, option("where the button `record` keeps grasps", "DIR")] = Path(
         "runs/live"
     ),
@@ -335,7 +337,7 @@ def live(
     follow_links: FollowLinks = False,
     max_rows: MaxRows = 2_000_000,
 ) -> int:
-    """Serve a page on which a grasp goes on while its sliders are moved, or a run or camera shows.
+    """Open a browser page with a running grasp and sliders, a recorded run, or a camera.
 
     It shows the fingertip in three dimensions, the camera's picture and curves. Ctrl-C ends it.
 
@@ -357,11 +359,14 @@ def live(
     }
     for name, value in of_source.items():
         if value is not None and source is None:
-            raise UserError(f"--{name} goes with --source")
+            raise UserError(f"--{name} is an option of --source: give a --source, or leave it out")
     check_least(fps=(fps, 1e-3), seconds=(seconds, 0.0))
 
     def ready(address: str) -> None:
         print(f"{address}  (Ctrl-C ends)", file=screen, flush=True)
+
+    def waiting(sentence: str) -> None:
+        print(sentence, file=screen, flush=True)
 
     screen = sys.stdout  # which is another one while viser says goodbye
     place = Address(host=host, port=port, token=token_for(token), seconds=seconds, ready=ready)
@@ -391,6 +396,7 @@ def live(
             allow=allow,
         )
         scene_for(resolved, slider_values(resolved))  # what cannot be shown is refused at once
-        prepare_scene(resolved, pictures=True)
-        serve_grasp(resolved, place, record)
+        serve_grasp(
+            resolved, place, record, lambda: prepare_scene(resolved, pictures=True), waiting
+        )
     return 0

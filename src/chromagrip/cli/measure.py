@@ -77,7 +77,7 @@ def reproduce(
     if part == "appendix-b" and (camera or quick):
         raise UserError("appendix-b has neither a camera nor a quick run")
     if camera and part not in CAMERA_PARTS:
-        raise UserError(f"--camera goes with {', '.join(CAMERA_PARTS)}, not with {part}")
+        raise UserError(f"--camera is an option of {', '.join(CAMERA_PARTS)}, not of {part}")
 
     from ..measure.reproduce.parts import PARTS, Plan
     from ..measure.reproduce.parts import reproduce as compare

@@ -2,7 +2,8 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -39,6 +40,8 @@ from .options import (
 from .readouts import prepare
 
 if TYPE_CHECKING:  # OpenCV loads only when something is detected
+    from numpy.typing import NDArray
+
     from ..pictures.estimate import EstimateSummary
     from ..pictures.find_sensor import Assumed, Within
     from ..pictures.marker_list import Picture
@@ -272,7 +275,8 @@ def estimate(
     """Estimate forces, friction and safety margin in pictures, a video or a camera's frames.
 
     Leaves estimates.parquet (values with 90 % intervals, frame by frame), figure.png, overlay.mp4
-    and summary.json. A flat pad has no force model: its displacements are estimated instead.
+    and summary.json. A flat pad has no force model: its displacements are estimated instead. For a
+    sequence of a dataset the true values are printed next to the estimates.
 
     Example: chromagrip estimate rest.png press.mp4 --calibration mine.toml
     """
@@ -287,6 +291,7 @@ def estimate(
     known = load_calibration(calibration)
     if not known.sensor.shape.flat:
         prepare(known, reconstructor)
+    truth = _truth_of(source)
     with _frames("estimating") as (tell, progress):
         outcome = estimate_source(
             rest,
@@ -302,6 +307,7 @@ def estimate(
             out=out,
             overwrite=overwrite,
             max_megapixels=max_megapixels,
+            truth=truth,
             tell=tell,
             progress=progress,
         )
@@ -312,6 +318,20 @@ def estimate(
     if outcome.broken is not None:
         raise UserError(outcome.broken)
     return 0
+
+
+def _truth_of(source: str) -> "Mapping[str, NDArray[np.generic]] | None":
+    """Columns of the true values where the pictures are a sequence of a dataset, else None."""
+    folder = Path(source)
+    if not all((folder / name).is_file() for name in ("files.json", "frames.parquet")):
+        return None
+    from ..dataset.read import load_sequence
+
+    try:
+        return load_sequence(folder).frames
+    except UserError as error:
+        print(f"chromagrip: true values are not shown: {error}", file=sys.stderr)
+        return None
 
 
 def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
@@ -339,6 +359,10 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
                 low, high = values["last_interval"]
                 last = f"{values['last']:z.3f}{unit} ({low:z.3f} … {high:z.3f})"
             table.add_row(words, f"{last} at the end, median {values['median']:z.3f}{unit}")
+        if (true := summary["truth"].get(name)) is not None:
+            kept, inside = f"true {true['last']:z.3f}{unit}", true["inside_interval"]
+            share = "" if inside is None else f", inside in {inside:.0%} of the frames"
+            table.add_row("", f"{kept}; RMS error {true['rms_error']:z.3f}{unit}{share}")
     if "mu" in summary["estimates"]:
         observable = summary["mu_observable_frames"]
         hint = "" if observable else ": nothing slips, µ and Γ are guesses"

@@ -1,22 +1,25 @@
 """Summary of a dataset: the table of its sequences, its card, and a sheet of its pictures."""
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..extras import need
 from ..folders import write_whole
 from ..output.figure import png
 from .folder import CARD, SHEET, TABLE, read_files, sequence_name
-from .labels import COMMON, STATES, Column, columns_of
+from .labels import STATES, Column, columns_of
+from .labels.columns import Columns
 from .labels.reading import reading_lines
 from .labels.tables import to_parquet
 from .read import Loaded, load_sequence, tables
-from .recipe import CASE, Case, Recipe, Values, bodies_of, dotted
+from .recipe import CASE, Case, Recipe, Values, bodies_of, dotted, scene_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -46,7 +49,7 @@ Meshes and sensor designs that were given to it keep their own licences.
 def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     """Write the table, DATASET_CARD.md and contact-sheet.png."""
     names = [sequence_name(number) for number in numbers]
-    drawn = [read_files(folder / name)["values"] for name in names]
+    drawn = [_numbers(read_files(folder / name)["values"]) for name in names]
     pa = need("pyarrow", "data")
     try:
         data = to_parquet(_table(numbers, drawn))
@@ -54,7 +57,9 @@ def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
         raise UserError(f"drawn values of the sequences fit in no table: {error}") from None
     write_whole(folder / TABLE, data)
     # Columns of frames whose histograms the card shows.
-    counted = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
+    counted = ["normal_n", "friction_n", "mu", "margin", "slipped_share"]
+    if bodies_of(recipe) == ["dome"]:
+        counted.insert(2, "torque_z_nmm")
     columns = [*counted, "slip_state"]
     parts: dict[str, list[Any]] = {name: [] for name in columns}
     for table in tables(folder, names, columns):
@@ -65,8 +70,13 @@ def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     down = 3  # rows of the sheet
     chosen = np.linspace(0, len(numbers) - 1, _ACROSS * down, dtype=int)
     shown = [load_sequence(folder / names[at]) for at in dict.fromkeys(chosen)]
-    write_whole(folder / CARD, _card(recipe, drawn, values, read, shown[0]).encode())
+    write_whole(folder / CARD, _card(recipe, numbers, drawn, values, read, shown[0]).encode())
     write_whole(folder / SHEET, _sheet(shown))
+
+
+def _numbers(values: Values) -> Values:
+    """Values with infinite numbers, which JSON holds as text."""
+    return {key: float(v) if v in ("inf", "-inf") else v for key, v in values.items()}
 
 
 def _table(numbers: list[int], drawn: list[Values]) -> "pa.Table":
@@ -74,13 +84,13 @@ def _table(numbers: list[int], drawn: list[Values]) -> "pa.Table":
     columns = {"number": pa.array(numbers, pa.int64())}
     for key in sorted({key for values in drawn for key in values}):
         column = [values.get(key) for values in drawn]  # a key may be of some cases alone
-        # JSON holds infinity as text.
-        columns[key] = pa.array([float(v) if v in ("inf", "-inf") else v for v in column])
+        columns[key] = pa.array(column)
     return pa.table(columns)
 
 
 def _card(
     recipe: Recipe,
+    numbers: list[int],
     drawn: list[Values],
     values: "dict[str, pa.ChunkedArray]",
     read: list[str],
@@ -90,6 +100,10 @@ def _card(
     states = {one["values"]: one["counts"] for one in counted}
     bodies = bodies_of(recipe)
     motions = [str(one.get("motion", "press")) for one in drawn]
+    sensors = [
+        Path(scene_of(recipe, number, one).sensor).stem
+        for number, one in zip(numbers, drawn, strict=True)
+    ]
     lines = [
         "# Dataset card",
         "",
@@ -101,38 +115,24 @@ def _card(
         *_sizes(one),
         "",
         *_counts("case", [one[CASE] for one in drawn if CASE in one]),
+        *_counts("sensor", sensors),
         *_counts("motion", motions),
         "| slip state | frames |",
         "|---|---|",
         *(f"| {name} | {states.get(name, 0)} |" for name in STATES),
         "",
     ]
-    for name, column in values.items():
-        said = COMMON[name]
-        unit = f" [{said.unit}]" if said.unit else ""
-        lines += [f"`{name}`: {said.meaning}{unit}", "", "```", *_histogram(column), "```", ""]
     lines += [
+        *_histograms(values, columns_of(bodies[0]).frame),
         *read,
         "![pictures](contact-sheet.png)",
         "",
         _SNIPPET.format(shape=one.pictures[-1].shape),
     ]
     for body in bodies:
-        frame, markers, nodes = columns_of(body, bool(recipe.reading))
         of = f", body {body}" if len(bodies) > 1 else ""
-        lines += [
-            f"## Columns of `frames.parquet`{of}",
-            "",
-            *_columns(frame),
-            "",
-            f"## Columns of `markers.parquet`{of}",
-            "",
-            "Each cell is a list: of 2M values, the outer layer's first, of M pairs or of N nodes.",
-            "",
-            *_columns({**markers, **nodes}),
-            "",
-        ]
-    lines += ["## What was drawn", "", *_draws(recipe)]
+        lines += _tables_of(columns_of(body, bool(recipe.reading)), of)
+    lines += ["## Drawn values", "", *_draws(recipe)]
     for case in recipe.cases:
         keys = [f"- `{key}` = {value}" for key, value in dotted(case.scene).items()]
         lines += ["", f"### Case {case.name}", "", *keys, *_draws(case)]
@@ -150,6 +150,15 @@ def _sizes(one: Loaded) -> list[str]:
         f"| markers in each of two layers, M | {one.places.shape[2]} |",
         f"| nodes of the mechanics, N | {nodes} |",
     ]
+
+
+def _tables_of(columns: Columns, of: str) -> Iterator[str]:
+    """Tables of the columns of a sequence's files."""
+    frame, markers, nodes = columns
+    yield from (f"## Columns of `frames.parquet`{of}", "", *_columns(frame), "")
+    yield from (f"## Columns of `markers.parquet`{of}", "")
+    yield from ("Each cell is a list: 2M values, the outer layer's first, M pairs or N nodes.", "")
+    yield from (*_columns({**markers, **nodes}), "")
 
 
 def _columns(columns: dict[str, Column]) -> list[str]:
@@ -174,6 +183,16 @@ def _counts(what: str, names: list[str]) -> list[str]:
     return [f"| {what} | sequences |", "|---|---|", *lines, ""]
 
 
+def _histograms(
+    values: "dict[str, pa.ChunkedArray]", meanings: Mapping[str, Column]
+) -> Iterator[str]:
+    """Histogram of each column, below its meaning."""
+    for name, column in values.items():
+        unit = f" [{meanings[name].unit}]" if meanings[name].unit else ""
+        yield from (f"`{name}`: {meanings[name].meaning}{unit}", "")
+        yield from ("```", *_histogram(column), "```", "")
+
+
 def _histogram(column: "pa.ChunkedArray") -> list[str]:
     values = column.to_numpy()
     there = values[np.isfinite(values)]
@@ -194,45 +213,70 @@ def _histogram(column: "pa.ChunkedArray") -> list[str]:
 
 def _sheet(shown: list[Loaded]) -> bytes:
     """Draw the last pictures of some sequences with the markers' motion, forces and Γ, as a PNG."""
-    down = -(-len(shown) // _ACROSS)
-    figure = Figure(figsize=(3.0 * _ACROSS, 3.1 * down + 0.5), layout="constrained")
-    axes = figure.subplots(down, _ACROSS, squeeze=False)
+    across = min(_ACROSS, len(shown))
+    down = -(-len(shown) // across)
+    width, height, foot = 3.0, 3.6, 0.4  # of a picture with its title, and of the last line [in]
+    figure = Figure(figsize=(max(width * across, 6.0), height * down + foot))
+    low = foot / (height * down + foot)
+    figure.subplots_adjust(0.01, low, 0.99, 1.0 - 0.55 / (height * down + foot), 0.05, 0.28)
+    axes = figure.subplots(down, across, squeeze=False)
+    magnify = _magnification(shown)
     for axis in axes.flat:
         axis.set_axis_off()
     for axis, one in zip(axes.flat, shown, strict=False):
-        magnify = _draw_motion(axis, one)
-        force, margin = one.frames["normal_n"][-1], one.frames["margin"][-1]
-        held = f"Γ {margin:.2f}" if np.isfinite(margin) else "no contact"
-        title = f"{one.number}: {one.values.get('motion', 'press')}, motion × {magnify}"
-        axis.set_title(f"{title}\nΣFn {force:.2f} N, {held}", fontsize=11)
-    said = (
-        "part of the last picture of a sequence; arrows: motion of the outer layer since the first"
+        _draw_motion(axis, one, magnify)
+        axis.set_title("\n".join(_caption(one)), fontsize=9.5)
+    said = f"arrows: motion of the outer layer from the first to the last picture, × {magnify}"
+    figure.text(0.5, 0.25 * low, said, ha="center", fontsize=10)
+    return png(figure, 90)
+
+
+def _caption(one: Loaded) -> list[str]:
+    """Number, sensor, motion, forces, torque and Γ of a sequence's last frame."""
+
+    def last(name: str) -> float:
+        return float(one.frames[name][-1]) if name in one.frames else np.nan
+
+    margin, torque = last("margin"), last("torque_z_nmm")
+    force = f"ΣFn {last('normal_n'):.2f} N, ΣFf {last('friction_n'):.2f} N"
+    turned = f", torque about z {torque:z.2f} N·mm" if np.isfinite(torque) else ""
+    return [
+        f"{one.number}: {Path(one.scene.sensor).stem}, {one.values.get('motion', 'press')}",
+        force + ("" if np.isfinite(margin) else ", no contact"),
+        (f"Γ {margin:.2f}" if np.isfinite(margin) else "Γ –") + turned,
+    ]
+
+
+def _motion(one: Loaded) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Places of the visible markers in the first picture, and their motion until the last [px]."""
+    places, visible = one.places[:, 0], one.visible[0, 0] & one.visible[-1, 0]
+    return places[0, visible], places[-1, visible] - places[0, visible]
+
+
+def _magnification(shown: list[Loaded]) -> int:
+    """Factor at which the largest motion of some sequences still fits into their pictures."""
+    factors, longest = (1, 2, 5, 10, 20, 50), 0.12  # longest arrow over a picture's height
+    largest = max(
+        float(np.linalg.norm(_motion(one)[1], axis=1).max(initial=1e-9)) / one.pictures[-1].shape[0]
+        for one in shown
     )
-    figure.supxlabel(said, fontsize=11)
-    return png(figure, 75)
+    return max([factor for factor in factors if factor * largest < longest], default=1)
 
 
-def _draw_motion(axis: Axes, one: Loaded) -> int:
-    """Draw a sequence's last picture and its markers' motion; returns the magnification."""
-    picture, places = one.pictures[-1], one.places[:, 0]
+def _draw_motion(axis: Axes, one: Loaded, magnify: int) -> None:
+    """Draw a sequence's last picture and its markers' motion, about the part that moves."""
+    picture, (start, moved) = one.pictures[-1], _motion(one)
     height, width, _ = picture.shape
-    visible = one.visible[0, 0] & one.visible[-1, 0]
-    start, moved = places[0, visible], places[-1, visible] - places[0, visible]
     length = np.linalg.norm(moved, axis=1)
-    largest = max(float(length.max(initial=0.0)), 1e-9)
-    # Factors by which a sheet may magnify motion, and its longest arrow over the picture's height.
-    factors, longest = (1, 2, 5, 10, 20, 50), 0.12
-    magnify = max([m for m in factors if m * largest < longest * height], default=1)
     axis.imshow(picture)
     axis.quiver(
         *start.T, *moved.T, color="#0072b2", angles="xy", scale_units="xy", scale=1.0 / magnify,
         width=7e-3,
     )  # fmt: skip
-    moving = start[length > 0.2 * largest]
+    moving = start[length > 0.2 * length.max(initial=1e-9)]
     if len(moving):
         low, high = moving.min(axis=0), moving.max(axis=0)
         half = min(0.5 * height, max(0.7 * float((high - low).max()), 0.25 * height))
         x, y = np.clip(0.5 * (low + high), half, [width - half, height - half])
         axis.set_xlim(x - half, x + half)
         axis.set_ylim(y + half, y - half)
-    return magnify

@@ -52,12 +52,16 @@ class Page:
     ----------
     server: server of the page
     base: scene that the sliders change
+
+    Attributes
+    ----------
+    started: whether a frame has been shown
     """
 
     def __init__(self, server: "viser.ViserServer", base: Scene) -> None:
         self._server, self._base = server, base
         self._session: Session | None = None
-        self._applied = 0.0
+        self._applied, self.started = 0.0, False
         self._refused = self._kept = ""
         self._state: list[str] = []
         self._folder = TemporaryDirectory(prefix="chromagrip-")
@@ -81,7 +85,7 @@ class Page:
 
     def show(self, shown: Shown) -> None:
         """Show a frame if a picture is due; called by the session."""
-        sample = shown.sample
+        sample, self.started = shown.sample, True
         self.board.add(row_of(sample))
         self._applied = sample.applied
         stands = self._session is not None and self._session.paused

@@ -61,7 +61,13 @@ class Address:
     ready: Callable[[str], None] = print
 
 
-def serve_grasp(scene: Scene, address: Address, recordings: Path) -> None:
+def serve_grasp(
+    scene: Scene,
+    address: Address,
+    recordings: Path,
+    prepare: Callable[[], None] = lambda: None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> None:
     """Serve the page of a live grasp until Ctrl-C.
 
     Parameters
@@ -69,6 +75,8 @@ def serve_grasp(scene: Scene, address: Address, recordings: Path) -> None:
     scene: scene that the sliders change
     address: address of the page
     recordings: folder in which each recording gets a folder
+    prepare: function called before the first frame, once the page can be opened
+    tell: function called with a sentence about the first frame: awaited, then shown
 
     Raises
     ------
@@ -76,12 +84,18 @@ def serve_grasp(scene: Scene, address: Address, recordings: Path) -> None:
         When the address cannot be used.
     """
     with serving(address) as server, Page(server, scene) as page:
+        announce(address, server)
+        tell("waiting for the first frame: kernels are loaded, in a new installation compiled")
+        prepare()
         recorder = Recorder(recordings, page.tell_kept)
         with Session(scene, page.show, page.tell, recorder) as session:
             page.connect(session)
-            announce(address, server)
+            told = False
             for _ in ticks(address.seconds):
                 session.check()
+                if page.started and not told:
+                    tell("the grasp is running")
+                    told = True
 
 
 @contextmanager

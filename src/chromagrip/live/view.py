@@ -32,6 +32,19 @@ STICKS = (20, 20, 20)
 SLIPS = (213, 94, 0)
 
 
+#: First place of the eye, and the place that it looks at, about where objects touch [cm].
+_EYE = np.array([0.75, -1.0, 1.6])
+_CONTACT = np.array([0.0, 0.0, 0.9])
+
+
+def _raise_contact(client: "viser.ClientHandle") -> None:
+    """Move the contact up in a narrow window, whose lower part is covered by the panel."""
+    narrow = 700  # width below which the panel covers the lower part of the view [px]
+    if client.camera.image_width < narrow:
+        farther, lower = 1.5 * (_EYE - _CONTACT), _CONTACT - (0.0, 0.0, 0.8)
+        client.camera.position, client.camera.look_at = lower + farther, lower
+
+
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
     """Drawing of a frame.
@@ -74,8 +87,9 @@ class FingertipView:
         self._largest = 1e-6
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(cast_shadow=False)  # shadows take most of the time
-        server.initial_camera.position = (1.9, -2.3, 1.7)
-        server.initial_camera.look_at = (0.0, 0.0, 0.8)
+        server.initial_camera.position = tuple(_EYE)
+        server.initial_camera.look_at = tuple(_CONTACT)
+        server.on_client_connect(_raise_contact)
 
     def begin(self, points: Array, mesh: "trimesh.Trimesh | None") -> None:
         """Draw a skin at rest, and an object."""
@@ -92,8 +106,8 @@ class FingertipView:
             "/pressure", self._unit * points[:1], SKIN[None], point_size=0.04, point_shape="circle"
         )
         self._arrows = scene.add_arrows(
-            "/friction", np.zeros((1, 2, 3)), np.array(STICKS), shaft_radius=0.006,
-            head_radius=0.018, head_length=0.04,
+            "/friction", np.zeros((1, 2, 3)), np.array(STICKS), shaft_radius=0.004,
+            head_radius=0.012, head_length=0.03,
         )  # fmt: skip
         self._handles = (self._skin, self._dots, self._arrows)
         self._object = None
@@ -101,7 +115,7 @@ class FingertipView:
             # Only its far side, transparent, so that the contact is visible.
             self._object = scene.add_mesh_simple(
                 "/object", self._unit * np.asarray(mesh.vertices),
-                np.asarray(mesh.faces, np.uint32), color=OBJECT, opacity=0.4, side="back",
+                np.asarray(mesh.faces, np.uint32), color=OBJECT, opacity=0.2, side="back",
             )  # fmt: skip
             self._handles += (self._object,)
 

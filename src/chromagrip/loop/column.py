@@ -141,8 +141,8 @@ def estimate(
 ) -> Iterator[Column]:
     """Make the columns of an estimate and the ends of its interval."""
     topic = f"/{name}/estimated"
-    yield Column(f"{name}_estimated", f"{words} as estimated", read(value), topic, bodies)
-    low, high = (f"{end} end of the 90 % interval of {words}" for end in ("lower", "upper"))
+    yield Column(f"{name}_estimated", f"estimated {words}", read(value), topic, bodies)
+    low, high = (f"{words}, {end} end (90 % interval)" for end in ("lower", "upper"))
     yield Column(f"{name}_low", low, read(lambda o: interval(o)[0]), bodies=bodies)
     yield Column(f"{name}_high", high, read(lambda o: interval(o)[1]), bodies=bodies)
 
@@ -160,8 +160,8 @@ def wrench_columns(
 ) -> Iterator[Column]:
     """Make the columns of the force along x, y, z [N] and the torque about z [N·mm]."""
     names = [f"force_{axis}_{kind}_n" for axis in "xyz"] + [f"torque_{kind}_nmm"]
-    meanings = [f"{words} along the fingertip's {axis}" for axis in "xyz"]
-    meanings.append(words.replace("force", "torque") + " about the fingertip's z")
+    meanings = [f"{words} along {axis}" for axis in "xyz"]
+    meanings.append(words.replace("force", "torque") + " about z")
     for k, (name, meaning) in enumerate(zip(names, meanings, strict=True)):
 
         def value(of: Source, k: int = k) -> float:

@@ -278,11 +278,19 @@ def print_report(report: Report) -> None:
 
 
 def report_markdown(report: Report) -> Iterator[str]:
-    """Report as lines of Markdown for a page: notes, tables, figures and details."""
+    """Report as lines of Markdown for a page: notes, tables, and the figures off their targets."""
     for note in report.notes:
         yield from (note, "")
-    for table in (*report.tables, report.listed(), *report.details):
+    for table in report.tables:
         yield from (*markdown(table), "")
+    judged = [row for row in report.rows if row.target is not None]
+    missed = [row for row in judged if not row.met]
+    if not report.tables:
+        yield from markdown(rows_table(report.rows))
+    elif judged:
+        title = f"{len(judged) - len(missed)} of {len(judged)} targets are met"
+        yield from (f"{title}.", "")[: 0 if missed else 2]
+        yield from markdown(rows_table(missed, f"{title}; the others"))
 
 
 def markdown(table: Table) -> Iterator[str]:

@@ -1,7 +1,8 @@
 """Forces, friction and margin in one's own pictures, in a folder."""
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..by_name import Choice
 from ..errors import UserError, located
@@ -52,12 +54,22 @@ class Typical(TypedDict):
     median: float
 
 
+class Compared(TypedDict):
+    """True values of a column, and the estimate's errors over the frames that have one."""
+
+    last: float
+    median: float
+    rms_error: float
+    inside_interval: float | None
+
+
 class Estimates(TypedDict):
     """Part of a summary that counts the estimates."""
 
     without_estimate: int
     without_estimate_because: dict[str, int]
     estimates: dict[str, Typical]
+    truth: dict[str, Compared]
     mu_observable_frames: int
     ms_per_estimate: float | None
 
@@ -97,6 +109,7 @@ def estimate_source(
     out: Path | None = None,
     overwrite: bool = False,
     max_megapixels: float = MEGAPIXELS,
+    truth: Mapping[str, NDArray[np.generic]] | None = None,
     tell: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _, __: None,
 ) -> Outcome[EstimateSummary]:
@@ -114,6 +127,7 @@ def estimate_source(
     window: moving average of the friction estimate [s]
     rest, source, tracker, noise, fps, frames, out, overwrite: see `track_source`
     max_megapixels, tell, progress: see `track_source`
+    truth: true value of each frame by column, if known; the summary compares the estimates with it
 
     Raises
     ------
@@ -158,7 +172,7 @@ def estimate_source(
         "camera_pose": pose.table(),
         "friction_window_s": window,
     }
-    rows = _Rows(read, opened, out, flat=gains is not None)
+    rows = _Rows(read, opened, out, gains is not None, truth or {})
     with opened_folder(out, overwrite, FILES):
         return follow(opened, rows.open_files, partial(rows.summary, method), frames, out, progress)
 
@@ -198,9 +212,18 @@ class _Rows:
     opened: tracker and frames
     out: folder of the files; None writes none
     flat: whether the rows are displacements of a flat pad
+    truth: true value of each frame by column
     """
 
-    def __init__(self, read: Read, opened: Opened, out: Path | None, flat: bool) -> None:
+    def __init__(
+        self,
+        read: Read,
+        opened: Opened,
+        out: Path | None,
+        flat: bool,
+        truth: Mapping[str, NDArray[np.generic]],
+    ) -> None:
+        self._truth = truth
         self._read, self._opened, self._out, self._flat = read, opened, out, flat
         self._rows: list[Row] = []
         self._seconds = 0.0
@@ -252,9 +275,37 @@ class _Rows:
             "without_estimate": len(reasons),
             "without_estimate_because": counted_kinds(reasons),
             "estimates": columns,
+            "truth": dict(_compared(estimated, self._truth)),
             "mu_observable_frames": sum(bool(row.get("mu_observable")) for row in estimated),
             "ms_per_estimate": 1e3 * self._seconds / count if count else None,
         }
+
+
+def _compared(
+    rows: Iterable[Row], truth: Mapping[str, NDArray[np.generic]]
+) -> Iterator[tuple[str, Compared]]:
+    """Compare the rows that have an estimate with the true values."""
+    for name in VALUES:
+        true, errors, inside = [], [], []
+        for row in rows if name in truth else ():
+            value, at = _number(row, name), int(str(row["frame"]))
+            actual = float(truth[name][at]) if at < len(truth[name]) else math.nan
+            if value is None or not math.isfinite(actual):
+                continue
+            true.append(actual)
+            errors.append(value - actual)
+            if (ends := _interval(row, name)) is not None:
+                inside.append(ends[0] <= actual <= ends[1])
+        if true:
+            yield (
+                name,
+                {
+                    "last": true[-1],
+                    "median": float(np.median(true)),
+                    "rms_error": float(np.sqrt(np.mean(np.square(errors)))),
+                    "inside_interval": float(np.mean(inside)) if inside else None,
+                },
+            )
 
 
 def _number(row: Row, name: str) -> float | None:

@@ -99,6 +99,7 @@ COMMON = {
     "rigid_part_mm": Column("indentation", "mm", _AGAIN, 1e-5, 0.01),
     "contact_nodes": Column("nodes in contact", "", _SUM),
 }
+_TORQUE = "torque of the object on the dome, about the axis through the sphere's centre along"
 _DOME_FRAME = COMMON | {
     "rigid_part_mm": COMMON["rigid_part_mm"]._replace(
         meaning="way of the object towards the dome since the first touch"
@@ -110,14 +111,12 @@ _DOME_FRAME = COMMON | {
         "margin against the limit surface of force and torsion; NaN without contact",
         "", "mu and the limit surface of the nodes' forces", 1e-4, missing=_NO_CONTACT,
     ),
-    "force_x_n": Column("force of the object on the dome", "N", _SUM, 1e-6, 2e-6),
-    "force_y_n": Column("the same", "N", _SUM, 1e-6, 2e-6),
-    "force_z_n": Column("the same; a press is negative", "N", _SUM, 1e-6, 2e-6),
-    "torque_x_nmm": Column(
-        "its torque on the dome, about the middle of the sphere", "N·mm", _SUM, 1e-5, 2e-6
-    ),
-    "torque_y_nmm": Column("the same", "N·mm", _SUM, 1e-5, 2e-6),
-    "torque_z_nmm": Column("the same", "N·mm", _SUM, 1e-5, 2e-6),
+    "force_x_n": Column("force of the object on the dome along x", "N", _SUM, 1e-6, 2e-6),
+    "force_y_n": Column("force of the object on the dome along y", "N", _SUM, 1e-6, 2e-6),
+    "force_z_n": Column("the same along z; a press is negative", "N", _SUM, 1e-6, 2e-6),
+    "torque_x_nmm": Column(f"{_TORQUE} x", "N·mm", _SUM, 1e-5, 2e-6),
+    "torque_y_nmm": Column(f"{_TORQUE} y", "N·mm", _SUM, 1e-5, 2e-6),
+    "torque_z_nmm": Column(f"{_TORQUE} z", "N·mm", _SUM, 1e-5, 2e-6),
     "object_x_mm": Column(
         "place of the object's own origin in the sensor frame",
         "mm", _WAY.format("object_mm"), 1e-5,

@@ -19,7 +19,7 @@ from .panels import Line, place
 PRINTED = LoopSetting()
 #: Gains as printed, at the rate and latency of a camera.
 SLOW = LoopSetting(rate_hz=100.0, latency_frames=1)
-#: Gains retuned for that rate (docs/stability-loop.md).
+#: Gains retuned for that rate (docs/controllers.md).
 RETUNED = replace(SLOW, proportional_n=0.25, integral_n_per_s=30.0, window_s=0.3)
 #: Controller of the scene `margin-60hz`, with its average of µ.
 INVERSION = replace(SLOW, controller="margin-inversion", rate_hz=60.0, window_s=0.1)
