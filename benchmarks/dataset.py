@@ -49,7 +49,7 @@ _PARTS = ("model", "picture and labels", "encoding")
 
 @study("project", "dataset")
 def dataset_study(asked: Asked) -> Study[Part, tuple[Row, ...]]:
-    """Datasets `force` and `contact-3d`: 640×480, 400 markers in two layers, lossless, written.
+    """Datasets `force` and `contact-3d`: 640×480 px, 400 markers in two layers, lossless, written.
 
     A quick run has two sequences and the speed alone.
     """

@@ -336,4 +336,4 @@ def test_a_wheel_alone_grasps_with_the_base_only(wheel: Path, tmp_path: Path) ->
 
 
 def lock_text() -> str:
-    return (ROOT / "requirements.lock").read_text()
+    return (ROOT / "requirements-dev.lock").read_text()

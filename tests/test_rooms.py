@@ -53,7 +53,7 @@ MAY_IMPORT = {
     "measure outside live",
 }
 #: Modules beside the rooms: the entry points.
-DOORS = {"__init__": "scene sensing loop", "__main__": "cli"}
+DOORS = {"__init__": "scene sensing loop", "__main__": "cli output"}
 STAGES = ("model", "render", "tracking", "control")
 #: Largest number of modules in a folder, and of lines in a function.
 MOST_MODULES = 15

@@ -184,6 +184,9 @@ def with_allowed(values: dict[str, Any], allow: Collection[str]) -> dict[str, An
     values: values of a scene or a recipe; methods may be at any depth, and under keys with dots
     allow: modules named by the user who starts the program; a package allows all its modules
     """
+    for each in allow:
+        if each.endswith(".py") or not all(part.isidentifier() for part in each.split(".")):
+            raise UserError(f"--allow {each}: expected a module, such as mine of a file mine.py")
 
     def marked(name: str) -> str:
         module, colon, _ = name.partition(":")
@@ -238,8 +241,28 @@ def import_named(kind: str, name: str, target: str = "") -> Any:
     """
     _find_in_working_folder()
     module, _, attribute = (target or name).partition(":")
-    with blaming(f"{kind} {name!r} cannot be imported", Exception, SystemExit):
-        return attrgetter(attribute)(import_module(module))
+    who = f"{kind} {name!r}"
+    if not module or not attribute or module.endswith(".py") or "/" in module:
+        raise UserError(
+            f"{who}: expected module:Class, such as mine:Class of a file mine.py in the working "
+            "folder"
+        )
+    first, missing = attribute.partition(".")[0], ""
+    with blaming(f"{who} cannot be imported", Exception, SystemExit):
+        try:
+            found = import_module(module)
+            if hasattr(found, first):
+                return attrgetter(attribute)(found)
+        except ModuleNotFoundError as error:
+            missing = error.name or ""
+            if not missing or not f"{module}.".startswith(f"{missing}."):
+                raise  # by the module itself
+    if missing:
+        raise UserError(
+            f"{who}: there is no module {missing} in the working folder or the installation"
+        )
+    question = meant(first, [word for word in dir(found) if not word.startswith("_")])
+    raise UserError(f"{who}: module {module} has no {first}{question}")
 
 
 def _find_in_working_folder() -> None:

@@ -5,6 +5,7 @@ the old machine code would run. Here a kernel is compiled again only when code t
 changes.
 """
 
+import errno
 import os
 import pickle
 import shutil
@@ -67,6 +68,7 @@ class _Cache:
         self.cache_path = str(home)
         name = f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}"
         self.name = name.replace("<", "").replace(">", "")
+        self._held: dict[Path, int] = {}
 
     @cached_property
     def key(self) -> str:
@@ -74,11 +76,20 @@ class _Cache:
         return kernel_key(self.kernel)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """Load the result of an earlier compilation; None if it is missing."""
+        """Load the result of an earlier compilation; None if it is missing.
+
+        One process compiles a kernel for all: others wait for its result.
+        """
         target.refresh()
         path = self._path(signature, target.codegen())
         if path is None:
             return None
+        found = self._read(path, signature, target)
+        if found is None and self._compiled_elsewhere(path):
+            found = self._read(path, signature, target)
+        return found
+
+    def _read(self, path: Path, signature: Any, target: Any) -> Any:
         try:
             used = path.stat().st_mtime
             kept, result = pickle.loads(path.read_bytes())
@@ -90,8 +101,43 @@ class _Cache:
                 os.utime(path)
         return CompileResult._rebuild(target, *result) if kept == signature else None
 
+    def _compiled_elsewhere(self, path: Path) -> bool:
+        """Wait while another process compiles a kernel; returns False if this one has to."""
+        patience_s, step_s = 300.0, 0.05  # a process that compiles longer is not waited for
+        end, waited = time.monotonic() + patience_s, False
+        try:
+            self.home.mkdir(parents=True, exist_ok=True)
+            lock = os.open(path.with_suffix(".lock"), os.O_CREAT | os.O_RDWR, 0o644)
+        except OSError:
+            return False
+        while not _lock(lock):
+            waited = True
+            if time.monotonic() > end:
+                os.close(lock)
+                return False
+            time.sleep(step_s)
+        if waited and path.is_file():
+            os.close(lock)
+            return True
+        self._held[path] = lock
+        return False
+
+    def release(self) -> None:
+        """Let other processes compile what this one began."""
+        for path, lock in self._held.items():
+            with suppress(OSError):
+                path.with_suffix(".lock").unlink()
+            os.close(lock)
+        self._held.clear()
+
     def save_overload(self, signature: Any, result: Any) -> None:
         """Keep the result of a compilation, unless the disk is full."""
+        try:
+            self._save(signature, result)
+        finally:
+            self.release()
+
+    def _save(self, signature: Any, result: Any) -> None:
         path = self._path(signature, result.codegen)
         if path is None:
             return
@@ -121,6 +167,19 @@ class _Cache:
 
     def _warn(self, reason: object) -> None:
         warnings.warn(f"{self.name} is compiled at each start: {reason}", stacklevel=3)
+
+
+def _lock(file: int) -> bool:
+    """Lock an open file, unless another process has; always True on systems without such locks."""
+    if sys.platform == "win32":
+        return True
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno not in (errno.EWOULDBLOCK, errno.EACCES)
+    return True
 
 
 def _places(folder: Path) -> list[Path]:
@@ -153,6 +212,44 @@ def _clean(home: Path) -> None:
                     shutil.rmtree(old)
                 else:
                     old.unlink()
+
+
+class _Clock(events.Listener):  # type: ignore[misc]  # numba has no types
+    """Counts the time that this process spends compiling; kernels compile their callees inside."""
+
+    seconds = _begin = 0.0
+    _depth = 0
+
+    def on_start(self, event: events.Event) -> None:
+        """Start the clock at the outermost kernel."""
+        if not self._depth:
+            self._begin = time.perf_counter()
+        self._depth += 1
+
+    def on_end(self, event: events.Event) -> None:
+        """Stop it there; a kernel that failed is not waited for."""
+        if sys.exc_info()[0] is not None:
+            cache = event.data["dispatcher"]._cache
+            if isinstance(cache, _Cache):
+                cache.release()
+        self._depth -= 1
+        if not self._depth:
+            self.seconds += time.perf_counter() - self._begin
+
+
+_clock = _Clock()
+events.register("numba:compile", _clock)
+
+
+def cold() -> bool:
+    """Return True if no kernel is cached, so that all will be compiled."""
+    homes = {home for home in _homes.values() if home is not None}
+    return bool(homes) and not any(next(home.glob("*.nbc"), None) for home in homes)
+
+
+def compile_seconds() -> float:
+    """Time that this process has spent compiling kernels so far [s]."""
+    return _clock.seconds
 
 
 def announce() -> None:

@@ -80,6 +80,27 @@ def require(*extras: str, purpose: str = "") -> None:
         raise UserError(problem)
 
 
+def table_suffix(otherwise: str) -> str:
+    """Suffix of a table that is written: `.parquet`, or another one without the extra `data`."""
+    return ".parquet" if missing("data") is None else otherwise
+
+
+def lacking(table: str, video: str = "") -> list[str]:
+    """One sentence for each extra without which a folder has less.
+
+    Parameters
+    ----------
+    table: file that is written in place of a Parquet table, such as `trace.npz`
+    video: file of a video (default: the folder has none)
+    """
+    whole = f"{table.partition('.')[0]}.parquet"
+    purposes = {"data": f"{table} is written, as {whole}"}
+    if video:
+        purposes["video"] = f"there is no {video}, as a video"
+    told = (missing(extra, purpose=purpose) for extra, purpose in purposes.items())
+    return [sentence for sentence in told if sentence is not None]
+
+
 def need(module: str, extra: str) -> Any:
     """Import a module that an extra brings.
 

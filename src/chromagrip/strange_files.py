@@ -128,7 +128,16 @@ def read_arrays(
         return {name: _array(file, f"{name}.npy", most) for name in names}
 
 
-def _array(file: zipfile.ZipFile, name: str, most: int) -> NDArray[Any]:
+def array_headers(
+    path: Path, names: Iterable[str]
+) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
+    """Shape and type of arrays of a NumPy file (.npz), undecoded; errors as in `read_arrays`."""
+    with _unzipped(path) as file:
+        return {name: _header(file, f"{name}.npy") for name in names}
+
+
+def _header(file: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape and type of an array, which is not larger than what is stored."""
     try:
         stored = file.getinfo(name).file_size
     except KeyError:
@@ -142,6 +151,11 @@ def _array(file: zipfile.ZipFile, name: str, most: int) -> NDArray[Any]:
         claimed = math.prod(shape) * kind.itemsize
     if min(shape, default=0) < 0 or claimed > stored:
         raise ValueError(f"{name} claims {claimed} bytes, it has {stored}")
+    return shape, kind
+
+
+def _array(file: zipfile.ZipFile, name: str, most: int) -> NDArray[Any]:
+    shape, kind = _header(file, name)
     if math.prod(shape) * max(kind.itemsize, 8) > 8 * most:
         raise UserError(f"{file.filename}: {name} has more than {most} values, too many to read")
     with file.open(name) as stream:

@@ -85,7 +85,7 @@ def convert(values: Values, kind: type[Kind], name: str) -> Kind:
     UserError
         For a value that is not allowed, with `name`, key, value and what is allowed.
     """
-    _refuse_unknown(values, kind, name, "", tuple(_all_keys(kind)))
+    _refuse_unknown(values, kind, name, "", tuple(all_keys(kind)))
     try:
         return msgspec.convert(values, kind)
     except msgspec.ValidationError as error:
@@ -145,12 +145,12 @@ def _get(values: Any, key: str) -> Any:
     return values
 
 
-def _all_keys(table: type[Table], prefix: str = "") -> Iterator[str]:
+def all_keys(table: type[Table], prefix: str = "") -> Iterator[str]:
     """Dotted keys of a table and of the tables in it."""
     for field in msgspec.structs.fields(table):
         yield prefix + field.name
         for member in _members(field.type):
-            yield from _all_keys(member, f"{prefix}{field.name}.")
+            yield from all_keys(member, f"{prefix}{field.name}.")
 
 
 def _refuse_unknown(

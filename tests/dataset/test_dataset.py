@@ -1,5 +1,6 @@
 """Datasets: the same bytes however they are made, nothing half-written, and physics that holds."""
 
+import csv
 import hashlib
 import json
 import os
@@ -26,6 +27,7 @@ from chromagrip.dataset import folder as dataset_folder
 from chromagrip.dataset import load_sequences
 from chromagrip.dataset.check import check
 from chromagrip.dataset.folder import FILES, MANIFEST, TABLE, sequence_name
+from chromagrip.dataset.labels.tables import read_table
 from chromagrip.dataset.make import Backend, make, merge
 from chromagrip.dataset.recipe import Recipe, drawn, load_recipe, recipe_names, scene_of
 from chromagrip.dataset.sequence import sequence, shots
@@ -490,7 +492,19 @@ def test_a_file_that_may_not_grow_is_said_in_one_sentence(
         (["dataset", "make", "none", "--out", "x"], 2, "no recipe 'none'; there is benchmark-v1"),
         (["dataset", "make", "tiny", "--out", "x", "--shard", "3/2"], 2, "--shard 3/2: expected"),
         (["dataset", "make", "tiny", "--out", "x", "--n", "0"], 2, "--n 0: expected 1 to"),
-        (["dataset", "check", "nowhere"], 2, "nowhere is no dataset"),
+        (["dataset", "check", "nowhere"], 2, "nowhere is no dataset; there is no such folder"),
+        (["dataset", "check", __file__], 2, "is no dataset; it is a file"),
+        (["dataset", "split", "nowhere", "--seed", "-1"], 2, "--seed -1: expected 0 or more"),
+        (
+            ["dataset", "split", "nowhere", "--shares", "a=0.5,a=1"],
+            2,
+            "--shares a=0.5,a=1: the part a is given twice",
+        ),
+        (
+            ["dataset", "make", "objects", "--out", "x", "--meshes", "nowhere"],
+            2,
+            "there is no folder nowhere; give a folder of .stl, ",
+        ),
         (["dataset", "split", "nowhere", "--shares", "a"], 2, "--shares a: expected NAME=SHARE"),
     ],
 )
@@ -674,3 +688,54 @@ def test_truth_stands_next_to_the_estimates_and_changes_none(tiny: Path, tmp_pat
             np.linalg.norm((true - value)[there]) / there.sum() ** 0.5
         )
         assert told["last"] == true[there][-1]
+
+
+def test_without_pyarrow_a_dataset_has_other_tables_with_the_same_values(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = list(load_sequences(tiny))
+    monkeypatch.setattr(
+        "chromagrip.extras.find_spec", lambda name: None if name == "pyarrow" else object()
+    )
+    dataset_folder.made_with.cache_clear()
+    bare = tmp_path / "bare"
+    try:
+        manifest = make(TINY, bare)
+    finally:
+        dataset_folder.made_with.cache_clear()
+    assert "pyarrow" not in manifest["versions"]
+    assert not list(bare.rglob("*.parquet"))
+    assert check(bare) == 3
+    assert split(bare, {"a": 0.5, "b": 0.5}, by="object").keys() == {"a", "b"}
+    with (bare / "sequences.csv").open(newline="") as file:
+        assert [row["number"] for row in csv.DictReader(file)] == ["0", "1", "2"]
+    for one, other in zip(whole, load_sequences(bare), strict=True):
+        assert one.values == other.values
+        for mine, theirs in ((one.frames, other.frames), (one.markers, other.markers)):
+            assert mine.keys() == theirs.keys()
+            for name, values in mine.items():
+                assert values.dtype == theirs[name].dtype
+                np.testing.assert_array_equal(values, theirs[name])
+    with pytest.raises(UserError, match="needs the extra `data`"):
+        list(load_sequences(tiny))
+
+
+@pytest.mark.parametrize("spoil", ["short", "kind", "lost", "torn", "pickle"])
+def test_a_damaged_table_of_arrays_is_named(tiny: Path, tmp_path: Path, spoil: str) -> None:
+    path = tmp_path / "frames.npz"
+    table = {"frame": np.arange(7, dtype=np.int32), "normal_n": np.zeros(7), "word": np.array("a")}
+    table["word"] = np.array(["stick"] * 7)
+    if spoil == "short":
+        table["normal_n"] = np.zeros(6)
+    if spoil == "kind":
+        table["normal_n"] = np.zeros(7, np.float32)
+    if spoil == "lost":
+        del table["normal_n"]
+    if spoil == "pickle":
+        table["normal_n"] = np.array([print] * 7, object)
+    np.savez(path, allow_pickle=True, **table)
+    if spoil == "torn":
+        path.write_bytes(path.read_bytes()[:-30])
+    kinds = {"frame": "int32", "normal_n": "float64", "word": "string"}
+    with pytest.raises(UserError, match=r"frames\.npz is damaged: .*copy the dataset again"):
+        read_table(path, 7, kinds)

@@ -180,7 +180,7 @@ def test_layouts_that_have_forces_have_the_reading(
 def test_the_card_counts_what_is_covered(made: Path) -> None:
     """By hand: of frames in contact, errors and intervals."""
     text = (made / CARD).read_text("utf-8")
-    parts = [table.to_pydict() for table in tables(made, read_manifest(made)["sequences"])]
+    parts = list(tables(made, read_manifest(made)["sequences"]))
     rows = [
         [part[name][k] for name in ("force_z_n", *INTERVALS["force_z_n"])]
         for part in parts

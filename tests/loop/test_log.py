@@ -297,7 +297,7 @@ def test_from_the_command_line(typed: Callable[..., CompletedProcess[str]], tmp_
     assert {path.name for path in (tmp_path / "run").iterdir()} == {*FILES, "run.mcap"}
     done = typed(*line, "--json")
     assert done.returncode == 2
-    assert "--log mcap needs a folder: give --out beside --json" in done.stderr
+    assert "--log mcap needs a folder: give --out as well as --json" in done.stderr
     assert typed(*line, "bag", "--out", "run").returncode == 2
     done = typed(*line[:-1], "--out", "run")
     assert done.returncode == 2

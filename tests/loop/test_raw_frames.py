@@ -133,12 +133,12 @@ def test_a_full_disk_leaves_no_pictures(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_from_the_command_line(typed: Callable[..., CompletedProcess[str]], tmp_path: Path) -> None:
-    line = ["grasp", "--path", "truth", "--set", "duration_s=0.02", "--frames", "png"]
+    line = ["grasp", "thesis", "--path", "truth", "--set", "duration_s=0.002", "--frames", "png"]
     assert typed(*line, "--out", "run").returncode == 0
     assert len(list((tmp_path / "run/frames").glob("frame-*.png"))) == 3
     done = typed(*line, "--json")
     assert done.returncode == 2
-    assert "--frames png needs a folder: give --out beside --json" in done.stderr
+    assert "--frames png needs a folder: give --out as well as --json" in done.stderr
     assert typed(*line[:-1], "gif").returncode == 2
 
 

@@ -142,14 +142,17 @@ def test_from_the_command_line(
     ("words", "told"),
     [
         (["render", "--sensor", "gelsight"], "no sensor design 'gelsight'; there is"),
-        (["render", "--grip", "-1"], "--grip and --press-mm must be 0 or more"),
-        (["render", "--load", "nan"], "all numbers finite"),
+        (["render", "--grip", "-1"], "--grip -1 N: expected 0 or more"),
+        (["render", "--load", "nan"], "--load nan N: expected a finite number"),
         (["render", "--set", "defects.jpeg_quality=200"], "defects.jpeg_quality = 200: expected"),
         (
             ["render", "--set", "defects.dirt=2"],
             "unknown key defects.dirt; allowed here",
         ),
-        (["grasp", "--set", "sensor=flat-2019", "--json"], "is a flat pad; the node model"),
+        (
+            ["grasp", "thesis", "--set", "sensor=flat-2019", "--json"],
+            "is a flat pad; the node model",
+        ),
         (["grasp", "--set", "defects.missing_markers=0.6", "--json"], "the sensor has 400"),
         (["calibrate", "camera", "nowhere"], "image nowhere cannot be read"),
     ],

@@ -98,7 +98,8 @@ def test_what_decides_a_run_is_in_its_key() -> None:
 
 def test_own_controllers_in_processes(typed: Typed, tmp_path: Path) -> None:
     (tmp_path / "mine_swept.py").write_text(MINE, encoding="utf-8")
-    line = ["sweep", "--controller", "mine_swept:Mine", "--arg", "gain=3,5,9", "--path", "truth"]
+    line = ["sweep", "--scene", "camera-100hz", "--controller", "mine_swept:Mine"]
+    line += ["--arg", "gain=3,5,9", "--path", "truth"]
     line += ["--set", "duration_s=0.3", "--set", "load.forces_n=[0.5, 0.65]", "--seeds", "2"]
     done = typed(*line, "--workers", "2", "--out", "swept", "--json")
     assert done.returncode == 0, done.stderr

@@ -478,7 +478,10 @@ def test_a_run_has_the_groups_that_are_asked_for() -> None:
     assert set(asked) == {(BEYOND, "roll"), (BEYOND, "jpeg")}
     assert {w for w, _ in bench_force._counts(True, "matched", ())} == {"matched"}
     for asked, said in (
-        (Asked(world=BEYOND, only=("rolls",)), "has no group 'rolls'; there is roll, "),
+        (
+            Asked(world=BEYOND, only=("rolls",)),
+            r"has no group 'rolls' \(did you mean roll\?\); there is roll, ",
+        ),
         (Asked(world="outer"), "no world 'outer'; there is matched, "),
     ):
         with pytest.raises(UserError, match=said):

@@ -279,7 +279,7 @@ def test_a_truth_that_is_none_is_one_sentence(
     monkeypatch.chdir(tmp_path)
     file = write_parquet(tmp_path / "a.parquet", moving())
     for words, told in (
-        ((file,), "score wants tracks and a truth"),
+        ((file,), "score needs tracks and a truth"),
         ((file, "nowhere"), "there is no truth nowhere"),
         ((file, tmp_path), "is no dataset"),
     ):

@@ -292,7 +292,8 @@ def test_from_the_command_line(typed: Typed, taken: Path, tmp_path: Path) -> Non
         "    def __init__(self, log):\n        self.log = open(log, 'a')\n"
         "    def command(self, force):\n        print(force, file=self.log, flush=True)\n"
     )
-    line = ["grasp", "--source", taken, "--set", "duration_s=0.05", "--set", "camera.rest_frames=2"]
+    line = ["grasp", "camera-100hz", "--source", taken, "--set", "duration_s=0.05"]
+    line += ["--set", "camera.rest_frames=2"]
     mine = ["--gripper", "my_gripper:Mine", "--gripper-arg", "log=forces.txt"]
     done = typed(*line, *mine, "--json")
     assert done.returncode == 0, done.stderr

@@ -478,6 +478,8 @@ def test_a_rest_picture_beside_the_frames_is_not_one_of_them(
     for name in ("0.png", "1.png", "rest.png"):
         write(tmp_path / "frames" / name, dots())
     words = ("--palette", "dark-dots", "--tracker", nearest)
+    frames = tmp_path / "frames"
+    assert chromagrip(monkeypatch, "track", frames, frames / "rest.png", *words) == 2  # swapped
     for rest, count in (("rest.png", 2), ("0.png", 3)):
         out = tmp_path / rest
         picture = tmp_path / "frames" / rest
@@ -578,6 +580,9 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write(folder / "frames" / "0.png", image)
     write(folder / "sizes" / "0.png", image)
     write(folder / "sizes" / "1.png", image[:, :200])
+    for name in ("run/summary.json", "run/trace.parquet", "set/manifest.json", "set/sequence-0/0"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
     (folder / "cut.png").write_bytes((folder / "dots.png").read_bytes()[:2000])
     (folder / "cut.jpg").write_bytes(cv2.imencode(".jpg", image)[1].tobytes()[:2000])
     for name in ("empty.png", "empty.mp4"):
@@ -633,9 +638,12 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("track first empty.mp4 DARK", "video empty.mp4 is empty"),
         ("track first text.mp4 DARK", "text.mp4 cannot be read as a video: invalid data"),
         ("track first text.txt DARK", "text.txt has no video in it"),
-        ("track first:3 frames DARK", "rest first:3 wants 3 frames; frames has 1"),
+        ("track first:3 frames DARK", "rest first:3 needs 3 frames; frames has 1"),
         ("track first:0 frames DARK", "rest first:0 is no frame"),
-        ("track none.png frames DARK", "there is no none.png"),
+        ("track none.png frames DARK", "rest none.png: there is no such file or folder; give a "),
+        ("track dots.png run DARK", "folder run is a run, whose frames are in run/tactile.mp4"),
+        ("track dots.png set DARK", "folder set is a dataset: give one of .* such as set/seq"),
+        ("track first:x frames DARK", "rest first:x: there is no .* first, first:N or auto"),
         ("track small.png frames DARK", r"frame 0 of frames \(0.png\) is 240×180 .* 200×180"),
         ("track dome.png frames", r"frame 0 of frames \(0.png\) is 240×180 pixels, .* 640×480"),
         (
@@ -657,7 +665,10 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("track first frames DARK --noise nan", "--noise nan: expected 0 or more"),
         ("track first frames DARK --frames 0", "--frames 0: expected 1 or more"),
         ("track first frames DARK --tracker nosuch", "no tracker 'nosuch'; there is"),
-        ("track first frames DARK --tracker no.such:It", "cannot be imported: ModuleNotFound"),
+        (
+            "track first frames DARK --tracker no.such:It",
+            "there is no module no in the working folder",
+        ),
         ("track first frames DARK --tracker bad_trackers:NoUpdate", "has no update"),
         ("track first frames DARK --tracker bad_trackers:Nothing", "gave a NoneType; expected"),
         ("track first frames DARK --tracker bad_trackers:Exits", "failed: SystemExit: 0"),

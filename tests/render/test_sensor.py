@@ -133,7 +133,7 @@ def test_camera_from_a_calibration_file(tmp_path: Path) -> None:
         ),
         (
             {"layout.pitch": 3.0},
-            r"unknown key layout.pitch \(did you mean layout.pitch_mm\?\); allowed here: kind, count",
+            r"unknown key layout.pitch \(did you mean layout.pitch_mm\?\); allowed here: kind",
         ),
         ({"layout": {"kind": "file", "path": "none.csv"}}, "layout file .*none.csv cannot be read"),
         (

@@ -24,7 +24,7 @@ def test_scenes_of_the_thesis_object() -> None:
         assert [scene.load.force(t) for t in (0.0, 0.039, 0.04, 0.99, 1.0, 1.99)] == [
             0.0, 0.0, 0.25, 0.25, 0.65, 0.65,
         ]  # fmt: skip
-    fast, slow = load_scene("thesis"), load_scene()
+    fast, slow = load_scene("thesis"), load_scene("camera-100hz")
     assert (fast.frames, fast.camera.latency_frames) == (2001, 0)
     assert (slow.frames, slow.camera.latency_frames) == (201, 1)
     assert (fast.safety_margin.proportional_n, fast.safety_margin.integral_n_per_s) == (2.5, 100)

@@ -48,8 +48,8 @@ def test_installed_ones_by_their_entry_point(monkeypatch: pytest.MonkeyPatch) ->
     ("name", "words"),
     [
         ("best", "no tracker 'best'; there is .*fit.* or give module:Class"),
-        ("nowhere:Tracker", "cannot be imported: ModuleNotFoundError"),
-        ("json:Tracker", "cannot be imported: AttributeError"),
+        ("nowhere:Tracker", "there is no module nowhere in the working folder"),
+        ("json:Tracker", "module json has no Tracker"),
         ("json:JSONDecoder", "has no reset"),
     ],
 )

@@ -2,19 +2,21 @@
 
 import io
 import re
+import shlex
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import redirect_stderr
 from functools import partial, wraps
 from pathlib import Path
 from textwrap import dedent
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 import tyro
 from tyro.extras import SubcommandApp
 
 from ..errors import UserError, meant
 from ..folders import make_scratch, remove_empty
+from ..strict_toml import all_keys
 from . import (
     calibrate,
     dataset,
@@ -76,25 +78,25 @@ PURPOSES = {
         "sweep": "many settings, scenes and seeds",
         "report": "finished runs side by side",
     },
-    "look at a grasp": {"live": "a page with sliders; or a finished run, or a camera"},
+    "look at a grasp": {"live": "page with sliders, a finished run, or a camera"},
     "pictures": {
-        "render": "poses as pictures, with all that is true of them",
+        "render": "pictures of poses, with their true values",
         "detect": "markers of a single picture",
         "track": "markers through pictures, a video or a camera",
         "estimate": "forces, friction and margin of pictures or a video",
     },
     "calibrate": {"calibrate": "camera, sensor, readout"},
     "measure": {
-        "bench": "figures beside targets: control, force, loop, track",
+        "bench": "scores next to targets: control, force, loop, track",
         "chart": "speed against error: force, loop, track",
-        "stability": "maps of where methods fail: force, loop, track",
+        "stability": "maps of failures: force, loop, track",
         "limit": "smallest errors that a picture of a sensor allows",
-        "plan": "cheapest methods and steps for an error of Γ",
-        "reproduce": "results of the thesis beside ours",
+        "plan": "cheapest methods and steps for an error of margin Γ",
+        "reproduce": "results of the thesis next to ours",
     },
     "look up": {
         "list": "scenes, sensors, palettes, controllers, trackers, …",
-        "doctor": "what is missing in the installation",
+        "doctor": "missing parts of the installation",
     },
 }
 #: The same words without their purposes.
@@ -138,8 +140,9 @@ def front_page() -> str:
         ]
     lines += [
         "",
-        f"{NAME} COMMAND --help has the options of a command, and an example.",
-        f"{NAME} --version; completion of a shell: {NAME} --tyro-write-completion bash FILE",
+        f"{NAME} COMMAND --help shows the options of a command, and an example.",
+        f"{NAME} --version shows the version.",
+        f"{NAME} --tyro-write-completion bash FILE writes the completion of a shell.",
         "Exit codes: 0 done, 1 an error in code or a missing part of the installation (doctor),",
         "2 invalid input, 130 interrupted, 141 output closed, 143 terminated.",
     ]
@@ -167,6 +170,9 @@ def _run(words: list[str], known: Mapping[str, Command], prog: str) -> int:
         if not word.isprintable() and any("\ud800" <= c <= "\udfff" for c in word):
             encoding = sys.getfilesystemencoding()
             raise UserError(f"{word} is not {encoding} text; with PYTHONUTF8=1 words are UTF-8")
+        if not word.strip() or re.fullmatch(r"--[\w-]+=\s*", word):
+            which = f"the value of {word.strip('= ')}" if word.strip() else "a word"
+            raise UserError(f"{which} is empty: give a value in `{shlex.join([prog, *words])}`")
     command = _parse(words, known, prog)
     if isinstance(command, int):
         return command
@@ -205,6 +211,7 @@ def _parse(words: list[str], known: Mapping[str, Command], prog: str) -> partial
             words = [words[0], "--help"]
     else:
         _refuse_repeated(words, known[name])
+        _refuse_bare(words, known[name])
     messages = io.StringIO()
     try:
         with redirect_stderr(messages):
@@ -217,9 +224,10 @@ def _parse(words: list[str], known: Mapping[str, Command], prog: str) -> partial
             return 0
         page = f"{prog} {name} --help" if name else f"{prog} --help"
         sentence = _sentence(messages.getvalue())
-        flags = _flags(known[name]) if name else ()
-        if "unrecognized" in sentence:
-            sentence += "".join(meant(word, flags) for word in re.findall(r"--[\w-]+", sentence))
+        left = sentence.removeprefix("unrecognized options: ")
+        if left != sentence:
+            flags = _flags(known[name]) if name else []
+            sentence = _too_many(left.split(", "), words, name or NAME, flags)
         raise UserError(f"{sentence}; see `{page}`") from None
 
 
@@ -287,7 +295,11 @@ def _no_part() -> int:
 def _check_group(words: list[str], known: Mapping[str, Command]) -> None:
     """Refuse a first word that names no command, and a group without one of its commands."""
     if words[0].startswith("-"):
-        return
+        own = ("--version", "--help", "-h")
+        if words[0] in own or words[0].startswith("--tyro-"):
+            return
+        there = f"without a command; there is {', '.join(_first_words())}"
+        raise UserError(f"no option {words[0]}{meant(words[0], own)} {there}")
     members = [name.split()[1] for name in known if name.startswith(f"{words[0]} ")]
     if words[0] not in _first_words():
         question = meant(words[0], (*_first_words(), *MOVED))
@@ -327,6 +339,59 @@ def _refuse_repeated(words: list[str], command: Command) -> None:
             raise UserError(f"{flag} is given {given.count(flag)} times; give it once{more}")
 
 
+def _refuse_bare(words: list[str], command: Command) -> None:
+    """Refuse an option of several values that has none."""
+    for flag, hint in zip(_flags(command), _hints(command).values(), strict=True):
+        kind, *marks = get_args(hint) or (None,)
+        if get_origin(kind) is not tuple or tyro.conf.UseAppendAction in marks:
+            continue
+        following = [
+            after for word, after in zip(words, [*words[1:], ""], strict=True) if word == flag
+        ]
+        if following and (not following[0] or following[0].startswith("--")):
+            raise UserError(f"{flag}: its value is missing")
+
+
+def _too_many(left: list[str], words: list[str], name: str, flags: list[str]) -> str:
+    """What is wrong with words that a command does not take, the first of them at least.
+
+    Parameters
+    ----------
+    left: words that are not taken
+    words: command line
+    name: of the command
+    flags: its options
+    """
+    unknown = [word.partition("=")[0] for word in left if re.match(r"--?[A-Za-z]", word)]
+    if unknown:
+        questions = (meant(f"--{w.lstrip('-')}", flags) or _key_meant(w, flags) for w in unknown)
+        return f"no option {', '.join(map(''.join, zip(unknown, questions, strict=True)))}"
+    word = left[0]
+    at = len(words) - 1 - words[::-1].index(word) if word in words else 0
+    before = words[max(0, at - 2) : at]
+    if not before:
+        flag = next((each.partition("=")[0] for each in words if each.endswith(f"={word}")), name)
+        return f"{flag} takes no value, got {word}"
+    if before[0] == "--set" and "=" not in before[1]:
+        return f"--set {before[1]} {word}: expected key=value, as {before[1]}={word}"
+    if "=" in word and "--set" in flags:
+        return f"{word} has no option before it: write --set {word}"
+    if before[-1] in flags:
+        return f"{before[-1]} takes no value, got {word}"
+    scene = f" (did you mean --scene {word}?)" if before[-1] == name and "--scene" in flags else ""
+    return f"one word too many: {word} after {before[-1]}{scene}"
+
+
+def _key_meant(flag: str, flags: list[str]) -> str:
+    """Question that names the key of a scene nearest to an option; "" if none is near."""
+    if "--set" not in flags:
+        return ""
+    from ..scene.scene import Scene
+
+    question = meant(flag.lstrip("-").replace("-", "_"), all_keys(Scene))
+    return re.sub(r"[\w.]+(?=\?| or )", r"--set \g<0>=…", question)
+
+
 def _first_words() -> list[str]:
     return list(FIRST)
 
@@ -346,8 +411,18 @@ def _sentence(box: str) -> str:
     if unread:
         kind = next((KINDS[k] for k in KINDS if k in unread[2]), "a valid value")
         return f"{unread[1]} {unread[3]}: expected {kind}"
+    number = re.match(r"Error parsing (\S+): .*(float|int\(\)).*?: (.*)", text)
+    if number:
+        return f"{number[1]} {number[3]}: expected {KINDS[number[2].strip('()').upper()]}"
+    numbers = re.match(r"Error parsing (\S+): .*valid parse for arguments: \[(.*)\]", text)
+    if numbers:
+        return f"{numbers[1]} {numbers[2]}: expected numbers with spaces between, such as 1 2"
+    bare = re.match(r"Missing value for argument '(.*?)'", text)
+    if bare:
+        return f"{bare[1]}: its value is missing"
     choice = re.match(r"invalid choice (.*) for argument '(.*)'. Expected one of \((.*)\)", text)
     if choice:
         allowed = sorted(set(re.findall(r"[\w-]+", choice[3])) - {"None"})
-        return f"{choice[2]} {choice[1]}: allowed are {', '.join(allowed)}"
+        question = meant(choice[1].strip("'").lower(), allowed)
+        return f"{choice[2]} {choice[1]}{question}: allowed are {', '.join(allowed)}"
     return text[:1].lower() + text[1:] if text else "invalid command line"

@@ -46,28 +46,28 @@ def calibrate_camera(
     ] = (),
     *,
     model: Annotated[
-        Literal["fisheye", "pinhole"], option("of the lens", "fisheye|pinhole")
+        Literal["fisheye", "pinhole"], option("model of the lens", "fisheye|pinhole")
     ] = "fisheye",
-    columns: Annotated[int, option("squares of the board along x", "N")] = 9,
-    rows: Annotated[int, option("squares of the board along y", "N")] = 6,
-    square_mm: Annotated[float, option("side of a square", "MM")] = 3.0,
-    marker_mm: Annotated[float, option("side of a marker", "MM")] = 2.2,
-    dictionary: Annotated[str, option("OpenCV's name of the set of markers", "NAME")] = "4X4_100",
+    columns: Annotated[int, option("number of squares of the board along x", "N")] = 9,
+    rows: Annotated[int, option("number of squares of the board along y", "N")] = 6,
+    square_mm: Annotated[float, option("side of a square in mm", "MM")] = 3.0,
+    marker_mm: Annotated[float, option("side of a marker in mm", "MM")] = 2.2,
+    dictionary: Annotated[str, option("set of markers, by its OpenCV name", "NAME")] = "4X4_100",
     out: Annotated[
         Path | None, option(f"calibration file; by default {_DEFAULT_OUT}", "FILE.yml")
     ] = None,
-    overwrite: Annotated[Flag, option("write over an earlier file")] = False,
+    overwrite: Annotated[Flag, option("overwrite an earlier file")] = False,
     max_megapixels: MaxMegapixels = MEGAPIXELS,
     print_board: Annotated[
-        Path | None, option("write the board's picture to print, and do nothing else", "FILE.png")
+        Path | None, option("write a picture of the board to print, and end", "FILE.png")
     ] = None,
     json_only: Annotated[
-        Flag, option("one JSON object; writes a file only with --out", name="json")
+        Flag, option("print one JSON object; write a file only with --out", name="json")
     ] = False,
 ) -> int:
     """Calibrate a camera from pictures of a ChArUco board.
 
-    The command `chromagrip calibrate sensor` calibrates the mechanics behind the lens.
+    Print the board with --print-board. `chromagrip calibrate sensor` calibrates the fingertip.
 
     Example: chromagrip calibrate camera photos --model fisheye --out camera.yml
     """
@@ -109,31 +109,31 @@ def calibrate_sensor(
         Path,
         tyro.conf.Positional,
         option(
-            "folder with rest*.png, pictures of presses, and presses.csv: file, normal_n, "
-            "lateral_n of a stiff flat plate; on a dome of silicone also torque_nmm, and radius_mm "
-            "of a ball; for a flat pad file, depth_mm, shear_mm",
+            "folder with rest*.png, pictures of presses, and presses.csv. Its columns are file, "
+            "normal_n, lateral_n of a stiff flat plate; on a dome of silicone also torque_nmm, and "
+            "radius_mm of a ball; for a flat pad file, depth_mm, shear_mm",
             "PRESSES",
         ),
     ],
     *,
     sensor: Annotated[
-        str, option("design that it starts from, see `chromagrip list sensors`", "NAME|FILE.toml")
+        str, option("design to start from, see `chromagrip list sensors`", "NAME|FILE.toml")
     ] = "thesis",
     tracker: TrackerName = "fit",
     noise: Noise = None,
     out: Annotated[
         Path | None, option(f"calibration file; by default {_DEFAULT_SENSOR}", "FILE.toml")
     ] = None,
-    overwrite: Annotated[Flag, option("write over an earlier file")] = False,
+    overwrite: Annotated[Flag, option("overwrite an earlier file")] = False,
     max_megapixels: MaxMegapixels = MEGAPIXELS,
     json_only: Annotated[
-        Flag, option("one JSON object; writes a file only with --out", name="json")
+        Flag, option("print one JSON object; write a file only with --out", name="json")
     ] = False,
 ) -> int:
-    """Calibrate a sensor from pictures of known presses: its mechanics, or a pad's displacements.
+    """Calibrate a sensor's mechanics, or a pad's displacements, from pictures of known presses.
 
-    Of a sensor that is read as a dome of silicone (dome-2020, dome-2022) it finds core, Young's
-    modulus, Poisson's ratio and the depths of the layers that lie in the silicone.
+    For a sensor that is read as a dome of silicone (dome-2020, dome-2022) it estimates core,
+    Young's modulus, Poisson's ratio and the depths of the layers in the silicone.
 
     Example: chromagrip calibrate sensor presses --out mine.toml
     """
@@ -281,26 +281,27 @@ def calibrate_readout(
     out: Annotated[
         Path | None,
         option(
-            "file of the read-out, to be named in a calibration; by default it is kept in the "
-            "user's cache folder, where every command finds it by the sensor's design",
+            "file of the read-out, to be named in a calibration; by default a file in the user's "
+            "cache folder, which every command finds by the sensor's design",
             "FILE.npz",
         ),
     ] = None,
-    noise: Annotated[float, option("of the camera", "LEVELS")] = NOISE,
-    histories: Annotated[
-        int, option("random grips to learn from, as many at a sensor's first use", "N")
-    ] = HISTORIES,
-    epochs: Annotated[int, option("passes over them, as many at a first use", "N")] = EPOCHS,
+    noise: Annotated[
+        float, option("standard deviation of the camera noise in levels of 0 to 255", "LEVELS")
+    ] = NOISE,
+    histories: Annotated[int, option("number of random grips to learn from", "N")] = HISTORIES,
+    epochs: Annotated[int, option("number of passes over the grips", "N")] = EPOCHS,
     workers: Workers = CORES,
-    overwrite: Annotated[Flag, option("write over an earlier file")] = False,
+    overwrite: Annotated[Flag, option("overwrite an earlier file")] = False,
     json_only: Json = False,
 ) -> int:
     """Train a read-out of forces and friction on random grips of a sensor's own model.
 
-    Commands that need a read-out train it by themselves. An interrupted run continues when it is
-    called again.
+    Commands that need a read-out train it by themselves, with these defaults. Fewer grips and
+    passes, as in the example, give a rough one. An interrupted run continues when it is called
+    again.
 
-    Example: chromagrip calibrate readout mine.toml --out mine.npz
+    Example: chromagrip calibrate readout mine.toml --histories 500 --epochs 2 --out mine.npz
     """
     check_least(histories=(histories, 500), epochs=(epochs, 1), workers=(workers, 1))
     if not 0.1 <= noise <= 50.0:

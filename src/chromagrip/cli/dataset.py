@@ -21,9 +21,11 @@ from .options import (
     print_values,
 )
 
-Folder = Annotated[str, tyro.conf.Positional, option("of a dataset, or its address", "DIR|URL")]
+Folder = Annotated[
+    str, tyro.conf.Positional, option("folder of a dataset, or its address", "DIR|URL")
+]
 NewFolder = Annotated[
-    str, option("folder, or address such as s3://bucket/data, new or empty", "DIR|URL")
+    str, option("new or empty folder, or an address such as s3://bucket/data", "DIR|URL")
 ]
 #: Largest number of sequences in a dataset.
 MOST_SEQUENCES = 10_000_000
@@ -34,59 +36,63 @@ def make(
         str,
         tyro.conf.Positional,
         option(
-            "shipped (force, slip, tiny, tracking; of a dome contact-3d, edges, objects, twist; of "
-            "both bodies benchmark-v2), "
-            "or a .toml file",
+            "shipped recipe (force, slip, tiny, tracking; for a dome contact-3d, edges, objects, "
+            "twist; for chain and dome benchmark-v2), or a .toml file",
             "RECIPE|FILE.toml",
         ),
     ],
     *,
     out: NewFolder,
-    n: Annotated[int | None, option("sequences, instead of the recipe's", "N", "n")] = None,
+    n: Annotated[
+        int | None, option("number of sequences, instead of the recipe's", "N", "n")
+    ] = None,
     truth: Annotated[
         tuple[Literal["flow", "depth", "masks", "traction", "contact"], ...],
         option(
-            "labels of every pixel, beside those of the recipe; traction and contact are a dome's",
+            "labels of every pixel, in addition to the recipe's; traction and contact need a dome",
             "flow|depth|masks|traction|contact...",
         ),
     ] = (),
     reading: Annotated[
         str | None,
         option(
-            "reconstructor whose estimates from the pictures stand beside the labels; auto is that "
-            "of a sequence's body",
+            "reconstructor whose estimates are stored next to the labels; auto is the default of "
+            "each sequence's body",
             "NAME",
         ),
     ] = None,
     store: Annotated[
         Literal["noisy", "clean"] | None,
         option(
-            "pictures as they are, or without their noise, which readers add again bit for bit: a "
-            "tenth of the room",
+            "pictures with noise, or clean ones in a tenth of the space to which readers add the "
+            "same noise",
             "noisy|clean",
         ),
     ] = None,
     meshes: Annotated[
-        Path | None, option("folder of the objects of a dome, instead of the recipe's", "DIR")
+        Path | None, option("folder of meshes to press on a dome, instead of the recipe's", "DIR")
     ] = None,
     allow: Allow = (),
     workers: Workers = CORES,
     shard: Annotated[
-        str, option("every K-th sequence from the i-th on, such as 2/8", "i/K")
+        str, option("part to make: every K-th sequence from the i-th on, such as 2/8", "i/K")
     ] = "1/1",
     backend: Annotated[
-        Literal["joblib", "dask", "ray"], option("library that runs the work", "joblib|dask|ray")
+        Literal["joblib", "dask", "ray"],
+        option("library that runs the processes", "joblib|dask|ray"),
     ] = "joblib",
-    address: Annotated[str, option("of a running cluster, such as tcp://host:8786", "URL")] = "",
+    address: Annotated[
+        str, option("address of a running cluster, such as tcp://host:8786", "URL")
+    ] = "",
     resume: Annotated[
-        Flag, option("continue an interrupted dataset; what is damaged in it is made again")
+        Flag, option("continue an interrupted dataset; damaged sequences are made again")
     ] = False,
     json_only: Json = False,
 ) -> int:
     """Make labelled sequences of pictures from a recipe.
 
     Sequence k depends on the recipe and k alone: workers, shards and interruptions change no byte.
-    The recipe benchmark-v2 is frozen: its digest is printed, and whether this is as recorded.
+    The recipe benchmark-v2 is frozen: its digest is printed, and compared with the recorded one.
 
     Example: chromagrip dataset make tiny --out data
     """
@@ -127,7 +133,9 @@ def make(
 
 def merge(
     folders: Annotated[
-        tuple[str, ...], tyro.conf.Positional, option("shards of one recipe", "DIR...")
+        tuple[str, ...],
+        tyro.conf.Positional,
+        option("folders of the shards of one recipe", "DIR..."),
     ],
     *,
     out: NewFolder,
@@ -150,7 +158,7 @@ def merge(
 def check(folder: Folder, *, follow_links: FollowLinks = False, json_only: Json = False) -> int:
     """Verify checksums, counts, ranges and physics of a dataset; name the first bad sample.
 
-    Of a frozen recipe, pictures and labels must be those that were recorded, but for rounding.
+    Pictures and labels of a frozen recipe must be as recorded, except for rounding.
 
     Example: chromagrip dataset check data
     """
@@ -180,7 +188,7 @@ def export(
     *,
     to: Annotated[
         Literal["coco", "lerobot", "tapvid", "webdataset"],
-        option("layout", "coco|lerobot|tapvid|webdataset"),
+        option("layout to write", "coco|lerobot|tapvid|webdataset"),
     ],
     out: NewFolder,
     follow_links: FollowLinks = False,
@@ -205,19 +213,21 @@ def split(
     folder: Folder,
     *,
     shares: Annotated[
-        str, option("parts and their shares", "NAME=SHARE,...")
+        str, option("name and share of each part", "NAME=SHARE,...")
     ] = "train=0.8,validation=0.1,test=0.1",
     by: Annotated[
         str,
-        option("no two parts share it: a shape, an object, a drawn value", "shape|object|KEY"),
+        option(
+            "property that no two parts share: shape, object, or a drawn value", "shape|object|KEY"
+        ),
     ] = "shape",
-    seed: Annotated[int, option("of the order", "N")] = 0,
+    seed: Annotated[int, option("seed of the order", "N")] = 0,
     follow_links: FollowLinks = False,
     json_only: Json = False,
 ) -> int:
     """Split a dataset so that no two parts share a shape, object, sensor, …; writes split.json.
 
-    It prints which values each part has, and says where a shape is in several parts.
+    It prints the values of each part, and names the shapes that are in several parts.
 
     Example: chromagrip dataset split data --shares train=0.9,test=0.1 --by object
     """
@@ -226,6 +236,7 @@ def split(
     from ..dataset.split import split as split_dataset
     from ..output.report import Table, table_lines
 
+    check_least(seed=(seed, 0))
     parts = split_dataset(folder, _shares(shares), seed, by=by, follow_links=follow_links)
     counts = {name: len(names) for name, names in parts.items()}
     if json_only:
@@ -244,6 +255,8 @@ def _shares(text: str) -> dict[str, float]:
     shares: dict[str, float] = {}
     for part in text.split(","):
         name, _, share = (word.strip() for word in part.partition("="))
+        if name in shares:
+            raise UserError(f"--shares {text}: the part {name} is given twice")
         if not name or not share.replace(".", "", 1).isdecimal():
             raise UserError(f"--shares {text}: expected NAME=SHARE,..., such as train=0.9,test=0.1")
         shares[name] = float(share)

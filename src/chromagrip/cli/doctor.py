@@ -14,16 +14,18 @@ from importlib.util import find_spec
 
 from .. import links
 from ..extras import EXTRAS, install_command
+from ..output import opencv
 
 OK = "ok"
 MISSING = "missing"
 OPTIONAL = "optional, missing"
+OTHER = "another one"
 BROKEN = "broken"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """One part: its name, OK, MISSING, OPTIONAL or BROKEN, and if not OK why and what mends it."""
+    """One part: its name, one of the states above, and if not OK the reason and the mend."""
 
     name: str
     state: str = OK
@@ -70,6 +72,14 @@ def _base() -> Iterator[Check]:
             yield Check(name=name, state=MISSING, detail="not installed", mend=mend)
             continue
         name_and_version = f"{name} {version(name)}"
+        if name == opencv.OURS and (overwritten := opencv.problem()) is not None:
+            yield Check(
+                name=f"OpenCV {opencv.loaded_version() or ''}".strip(),
+                state=BROKEN if opencv.loaded_version() is None else OTHER,
+                detail=overwritten[0],
+                mend=overwritten[1],
+            )
+            continue
         problem = _import_problem(m for m in modules[name] if not m.startswith("_"))
         if problem:
             yield Check(name=name_and_version, state=BROKEN, detail=problem, mend=mend)

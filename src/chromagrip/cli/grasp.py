@@ -1,40 +1,49 @@
 """The commands `grasp`, `report` and `plan`: run a scene, show runs, and choose the methods."""
 
 import json
+import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import tyro
 
+from ..compiled import cold
 from ..errors import UserError
 from ..output.frames import FrameFormat
 from ..output.logs.write import KINDS, LogFormat, require_logs
 from ..output.report import Table, table_lines
 from ..scene import load_scene
 from ..scene.fingers import fingers, need_one_finger
-from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_change
+from ..scene.scene import DEFAULT_SCENE, Body, PathName, Scene, dump_scene, grasp_command
 from .options import (
+    CORES,
     Allow,
     Changes,
     Flag,
     FollowLinks,
     Overwrite,
     SceneName,
+    changes_of,
+    check_file,
     check_least,
     counting,
     new_folder,
     option,
+    tell_lacking,
 )
 from .readouts import prepare, prepare_scene
 from .summary import print_summary
 
-MaxRows = Annotated[int, option("rows of a trace that are read at most", "N")]
+MaxRows = Annotated[int, option("largest number of rows of a trace that is read", "N")]
 Logs = Annotated[
     tuple[LogFormat, ...] | None,
     option(
-        "also write run.mcap, which Foxglove and PlotJuggler open (extra ros), or run.rrd for "
-        "Rerun (extra viz)",
+        "also write run.mcap for Foxglove and PlotJuggler (extra ros), or run.rrd for Rerun "
+        "(extra viz)",
         "mcap|rerun [...]",
     ),
 ]
@@ -47,15 +56,22 @@ def grasp(
         option("shipped scene, see `chromagrip list scenes`, or a .toml file", "SCENE"),
     ] = None,
     *,
-    scene: Annotated[str | None, option("the same as SCENE", "NAME|FILE.toml")] = None,
+    scene: Annotated[str | None, option("same as SCENE", "NAME|FILE.toml")] = None,
     controller: Annotated[
         str | None,
-        option("instead of the scene's; see `chromagrip list controllers`", "NAME|MODULE:CLASS"),
+        option(
+            "controller, instead of the scene's; see `chromagrip list controllers`",
+            "NAME|MODULE:CLASS",
+        ),
     ] = None,
     arguments: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
-        option("argument of a controller's class, such as gain=2", "NAME=VALUE", "arg"),
+        option(
+            "argument of the controller's class, such as gain=2; may be repeated",
+            "NAME=VALUE",
+            "arg",
+        ),
     ] = (),
     path: Annotated[
         PathName | None,
@@ -65,23 +81,29 @@ def grasp(
     ] = None,
     body: Annotated[
         Body | None,
-        option("fingertip: the thesis's slice, or silicone in three dimensions", "chain|dome"),
+        option("fingertip: the thesis's chain, or a dome of silicone in 3D", "chain|dome"),
     ] = None,
     renderer: Annotated[
         str | None,
-        option("instead of the scene's; see `chromagrip list renderers`", "NAME|MODULE:CLASS"),
+        option(
+            "renderer, instead of the scene's; see `chromagrip list renderers`",
+            "NAME|MODULE:CLASS",
+        ),
     ] = None,
     sensor: Annotated[
         str | None,
         option(
-            "instead of the scene's; see `chromagrip list sensors`, or a .toml file", "NAME|FILE"
+            "sensor, instead of the scene's; see `chromagrip list sensors`, or a .toml file",
+            "NAME|FILE",
         ),
     ] = None,
-    fps: Annotated[float | None, option("camera rate, short for camera.rate_hz", "HZ")] = None,
-    latency: Annotated[
-        int | None, option("frames between an image and the command from it", "FRAMES")
+    fps: Annotated[
+        float | None, option("camera rate in Hz, short for camera.rate_hz", "HZ")
     ] = None,
-    seed: Annotated[int | None, option("of the camera noise", "N")] = None,
+    latency: Annotated[
+        int | None, option("number of frames between a picture and its command", "FRAMES")
+    ] = None,
+    seed: Annotated[int | None, option("seed of the camera noise", "N")] = None,
     changes: Changes = (),
     allow: Allow = (),
     out: Annotated[
@@ -90,38 +112,42 @@ def grasp(
     overwrite: Overwrite = False,
     frames: Annotated[
         FrameFormat | None,
-        option("keep the camera's raw pictures too, lossless, in DIR/frames", "png|ffv1"),
+        option("also keep the camera's raw pictures, lossless, in DIR/frames", "png|ffv1"),
     ] = None,
     log: Logs = None,
     answer_within: Annotated[
-        float, option("time in which a module:Class must answer; inf is no limit", "SECONDS")
+        float,
+        option("longest time in s for an answer of a module:Class; inf is no limit", "SECONDS"),
     ] = 60.0,
     source: Annotated[
         str | None,
         option(
-            "frames from outside instead of the simulation: camera:0, a folder, a video or "
-            "pipe:FILE; the first ones show the unloaded sensor",
+            "real frames instead of the simulation: camera:0, a folder, a video or pipe:FILE; the "
+            "first frames must show the unloaded sensor",
             "SOURCE",
         ),
     ] = None,
     gripper: Annotated[
         str | None,
-        option("of --source: class with command(force); by default simulated", "NAME|MODULE:CLASS"),
+        option(
+            "gripper for --source: class with command(force); by default a simulated one",
+            "NAME|MODULE:CLASS",
+        ),
     ] = None,
     gripper_arguments: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
-        option("argument of the gripper's class", "NAME=VALUE", "gripper-arg"),
+        option("argument of the gripper's class; may be repeated", "NAME=VALUE", "gripper-arg"),
     ] = (),
     frame_within: Annotated[
-        float | None, option("of --source: time in which the next frame must come", "SECONDS")
+        float | None, option("longest time in s to the next frame of --source", "SECONDS")
     ] = None,
     json_only: Annotated[
         Flag,
-        option("print the summary as JSON; a folder is written only with --out", name="json"),
+        option("print the summary as JSON; write a folder only with --out", name="json"),
     ] = False,
 ) -> int:
-    """Run a grasp and leave summary, trace, figure and video in a folder.
+    """Run a grasp; write summary, trace, figure and video into a folder.
 
     Example: chromagrip grasp --scene margin-60hz --set object.friction=0.3 --out runs/slippery
     """
@@ -138,7 +164,7 @@ def grasp(
     changed: dict[str, Any] = {key: v for key, v in shortcuts.items() if v is not None}
     for name, value in _arguments("--arg", arguments).items():
         changed[f"controller_arguments.{name}"] = value
-    changed |= dict(parse_change(text) for text in changes)
+    changed |= changes_of(changes, changed)
     if scene is not None and scene_name is not None:
         raise UserError(f"a scene is given twice: {scene_name} and --scene {scene}")
     scene = scene_name or scene or DEFAULT_SCENE
@@ -146,10 +172,10 @@ def grasp(
     if not answer_within > 0.0:
         raise UserError(f"--answer-within {answer_within}: expected more than 0; inf is no limit")
     if frames is not None and out is None and json_only:
-        raise UserError(f"--frames {frames} needs a folder: give --out beside --json")
+        raise UserError(f"--frames {frames} needs a folder: give --out as well as --json")
     logs = _asked(log)
     if logs and out is None and json_only:
-        raise UserError(f"--log {logs[0]} needs a folder: give --out beside --json")
+        raise UserError(f"--log {logs[0]} needs a folder: give --out as well as --json")
     outside: dict[str, Any] = {
         "gripper": gripper,
         "gripper_arguments": _arguments("--gripper-arg", gripper_arguments) or None,
@@ -172,7 +198,9 @@ def grasp(
         need_one_finger(resolved, "--source is for")
 
     from ..loop.run import run  # OpenCV loads only when something is run
+    from ..loop.run_files import files_lacking
 
+    helped = cold() and source is None and resolved.path == "camera"
     for finger in fingers(resolved):
         prepare_scene(finger, pictures=out is not None or resolved.path == "camera")
     shared: dict[str, Any] = {
@@ -180,7 +208,8 @@ def grasp(
         "log": logs,
         "answer_within_s": answer_within,
     }
-    with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
+    counted = counting(f"{resolved.controller}, {resolved.path}", "frames")
+    with _second_compiler(resolved) if helped else nullcontext(), counted as progress:
         if source is not None:
             from ..outside.grasp import run_outside
 
@@ -191,7 +220,33 @@ def grasp(
         print(json.dumps(result.summary))
     else:
         print_summary(result)
+    if out is not None:
+        tell_lacking(files_lacking(drawn=source is None))
     return 0
+
+
+@contextmanager
+def _second_compiler(scene: Scene) -> Iterator[None]:
+    """Compile a scene's mechanics in a second process; this one begins with what reads pictures."""
+    if CORES < 2:
+        yield
+        return
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "scene.toml"
+        file.write_text(dump_scene(scene, Path(folder)), encoding="utf-8")
+        short = f"duration_s={2.0 * scene.period}"
+        words = ["grasp", str(file), "--path", "truth", "--controller", "conservative"]
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "chromagrip", *words, "--set", short, "--json"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            yield
+        finally:
+            process.terminate()
+            process.wait()
 
 
 def _asked(log: tuple[LogFormat, ...] | None) -> tuple[LogFormat, ...]:
@@ -207,29 +262,29 @@ def _arguments(flag: str, texts: tuple[str, ...]) -> dict[str, Any]:
     for text in texts:
         if "=" not in text:
             raise UserError(f"{flag} {text}: expected name=value, such as gain=2")
-    return dict(parse_change(text) for text in texts)
+    return changes_of(texts, flag=flag)
 
 
 def plan(
     scene: Annotated[SceneName, tyro.conf.Positional],
     *,
     tolerance: Annotated[
-        float | None, option("largest RMS error of the safety margin Γ", "SHARE")
+        float | None, option("largest RMS error of the safety margin Γ, a fraction", "SHARE")
     ] = None,
     changes: Changes = (),
     allow: Allow = (),
     json_only: Annotated[Flag, option("print one JSON object", name="json")] = False,
 ) -> int:
-    """Choose the cheapest methods and steps that keep Γ of a scene within a tolerance.
+    """Choose the cheapest methods and steps that keep the error of Γ within a tolerance.
 
-    Without one it lists all choices with the time of a frame and the error of Γ. Both were measured
-    in situations like the scene's.
+    Without --tolerance it lists every choice with its time per frame in ms and its error of Γ. Both
+    were measured in situations like the scene's.
 
     Example: chromagrip plan margin-60hz --tolerance 0.1
     """
     from ..loop.fidelity import TABLE, choose, expected, read
 
-    loaded = load_scene(scene, dict(map(parse_change, changes)), allow=allow)
+    loaded = load_scene(scene, changes_of(changes), allow=allow)
     if tolerance is None:
         found = expected(loaded, read(TABLE))
         choices = [
@@ -273,20 +328,23 @@ def report(
     *,
     out: Annotated[
         Path | None,
-        option("file of the page; of one run by default report.html in its folder", "FILE"),
+        option("file of the page; for one run by default report.html in its folder", "FILE"),
     ] = None,
     log: Logs = None,
     follow_links: FollowLinks = False,
     max_rows: MaxRows = 2_000_000,
 ) -> int:
-    """Write the page of a finished run anew, or of several runs side by side.
+    """Write the page of a finished run again, or of several runs side by side.
 
-    The page holds everything that it shows and needs no network. Logs lie in the runs' folders.
+    The page is one file and needs no network. Logs are written into the runs' folders.
 
     Example: chromagrip report runs/before runs/after --out compared.html
     """
     from ..loop.results.reports import write_logs_again, write_reports
 
+    check_least(max_rows=(max_rows, 1))
+    if out is not None and out.parent.is_dir():  # a missing folder is made
+        check_file(out, {".html"}, overwrite=True)
     if out is None and len(folders) > 1:
         out = new_folder("report") / "report.html"
     logs = _asked(log)
@@ -305,43 +363,49 @@ def live(
     *,
     changes: Changes = (),
     allow: Allow = (),
-    run: Annotated[Path | None, option("show a finished run instead", "DIR")] = None,
+    run: Annotated[Path | None, option("finished run to show instead", "DIR")] = None,
     source: Annotated[
         str | None,
-        option("show a camera instead: camera:0, a folder, a video or pipe:FILE", "SOURCE"),
+        option("frames to show instead: camera:0, a folder, a video or pipe:FILE", "SOURCE"),
     ] = None,
     calibration: Annotated[
         str | None,
-        option("for --source: file of `chromagrip calibrate sensor`, or a sensor", "NAME|FILE"),
+        option(
+            "sensor of --source: file of `chromagrip calibrate sensor`, or a shipped sensor",
+            "NAME|FILE",
+        ),
     ] = None,
     rest: Annotated[
         str | None,
-        option("for --source: the unloaded sensor, as in `estimate`; by default first:8", "REST"),
+        option("unloaded sensor of --source, as in `estimate`; by default first:8", "REST"),
     ] = None,
     reconstructor: Annotated[
         str | None,
-        option("for --source: how forces are read off the markers", "NAME|MODULE:CLASS"),
+        option(
+            "reconstructor of forces of --source, see `chromagrip list reconstructors`",
+            "NAME|MODULE:CLASS",
+        ),
     ] = None,
-    fps: Annotated[float | None, option("for --source: pictures per second", "HZ")] = None,
-    record: Annotated[Path, option("where the button `record` keeps grasps", "DIR")] = Path(
-        "runs/live"
-    ),
+    fps: Annotated[float | None, option("frame rate of --source in Hz", "HZ")] = None,
+    record: Annotated[
+        Path, option("folder for grasps that the button `record` keeps", "DIR")
+    ] = Path("runs/live"),
     host: Annotated[
-        str, option("address of this machine; any but 127.0.0.1 lets other machines in", "HOST")
+        str, option("address of this machine; any except for 127.0.0.1 lets others in", "HOST")
     ] = "127.0.0.1",
-    port: Annotated[int, option("of the page", "N")] = 8090,
+    port: Annotated[int, option("port of the page", "N")] = 8090,
     token: Annotated[
-        str | None, option("that the page's address must hold; by default a new one", "TEXT")
+        str | None, option("token in the page's address; by default a new one", "TEXT")
     ] = None,
-    seconds: Annotated[float | None, option("end after this time", "S")] = None,
+    seconds: Annotated[float | None, option("time in s after which the page ends", "S")] = None,
     follow_links: FollowLinks = False,
     max_rows: MaxRows = 2_000_000,
 ) -> int:
-    """Open a browser page with a running grasp and sliders, a recorded run, or a camera.
+    """Serve a browser page with a running grasp and sliders, a finished run, or a camera.
 
-    It shows the fingertip in three dimensions, the camera's picture and curves. Ctrl-C ends it.
+    It shows the fingertip in 3D, the camera's picture and curves. Ctrl-C ends it.
 
-    Example: chromagrip live dome-1 --set object.friction=0.4
+    Example: chromagrip live dome-1 --set object.friction=0.4 --seconds 10
     """
     from ..live.serve import Address, serve_grasp, token_for
     from ..live.sliders import scene_for, slider_values
@@ -360,7 +424,9 @@ def live(
     for name, value in of_source.items():
         if value is not None and source is None:
             raise UserError(f"--{name} is an option of --source: give a --source, or leave it out")
-    check_least(fps=(fps, 1e-3), seconds=(seconds, 0.0))
+    check_least(fps=(fps, 1e-3), seconds=(seconds, 0.0), max_rows=(max_rows, 1))
+    if record.is_file():
+        raise UserError(f"--record {record}: it is a file, not a folder")
 
     def ready(address: str) -> None:
         print(f"{address}  (Ctrl-C ends)", file=screen, flush=True)
@@ -392,7 +458,7 @@ def live(
     else:
         resolved = load_scene(
             scene or "dome-1",
-            {"path": "camera"} | dict(map(parse_change, changes)),
+            {"path": "camera"} | changes_of(changes),
             allow=allow,
         )
         scene_for(resolved, slider_values(resolved))  # what cannot be shown is refused at once

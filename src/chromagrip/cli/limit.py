@@ -23,49 +23,65 @@ def limit(
     sensor: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
-        option("design, thesis or every dome by default; may be repeated", "NAME|FILE.toml"),
+        option(
+            "sensor design; by default thesis, or every dome with --body dome; may be repeated",
+            "NAME|FILE.toml",
+        ),
     ] = (),
     body: Annotated[
-        Body, option("node chain, or silicone in three dimensions", "chain|dome")
+        Body, option("fingertip: node chain, or dome of silicone in 3D", "chain|dome")
     ] = "chain",
     grip: Annotated[
-        float | None, option("grip force; by default 1.86 N, or 3 N with --body dome", "N")
+        float | None, option("grip force in N; by default 1.86 N, or 3 N for a dome", "N")
     ] = None,
     load: Annotated[
         float | None,
-        option("lateral load, raised after the grip; 0.65, on a dome for Γ = 0.3", "N"),
+        option(
+            "lateral load in N, raised after the grip; by default 0.65 N, or for a dome that of "
+            "Γ = 0.3",
+            "N",
+        ),
     ] = None,
     azimuth_deg: Annotated[
-        float | None, option("direction of the load from the picture's x, on a dome", "DEG")
+        float | None, option("direction of a dome's load in °, from the picture's x", "DEG")
     ] = None,
     shears: Annotated[
-        int | None, option("pictures of the shear that are read together, of a dome; 3", "N")
+        int | None,
+        option("number of pictures of a dome's shear that are read together; by default 3", "N"),
     ] = None,
-    friction: Annotated[float, option("of the object", "MU")] = 0.5,
-    radius_mm: Annotated[float, option("of the object; inf is flat", "MM")] = math.inf,
-    stiffness_kpa: Annotated[float, option("Young's modulus of the object", "KPA")] = 200.0,
-    noise: Annotated[float, option("standard deviation of each sRGB level", "LEVELS")] = 2.0,
-    frames: Annotated[int, option("averaged; 16 at rest", "N")] = 1,
+    friction: Annotated[float, option("friction coefficient µ of the object", "MU")] = 0.5,
+    radius_mm: Annotated[float, option("radius of the object in mm; inf is flat", "MM")] = math.inf,
+    stiffness_kpa: Annotated[float, option("Young's modulus of the object in kPa", "KPA")] = 200.0,
+    noise: Annotated[
+        float, option("standard deviation of the camera noise in levels of 0 to 255", "LEVELS")
+    ] = 2.0,
+    frames: Annotated[int, option("number of frames averaged under load; 16 at rest", "N")] = 1,
     margin_error: Annotated[
-        float | None, option("report what a design needs for this error of Γ", "GAMMA")
+        float | None, option("error of Γ for which the needs of a design are printed", "GAMMA")
     ] = None,
     out: Annotated[
-        Path | None, option("folder for the chart and its table; nothing without", "DIR")
+        Path | None, option("folder for a chart and its table; by default no files", "DIR")
     ] = None,
     overwrite: Overwrite = False,
     json_only: JsonOnly = False,
 ) -> int:
-    """Smallest errors of ΣFn, ΣFf, µ and Γ that a picture of a sensor allows, at one pose.
+    """Compute the smallest errors of ΣFn, ΣFf, µ and Γ that a picture of a sensor allows.
 
-    They are the errors of the best estimate from one picture that knows neither the object nor its
-    history; `docs/what-the-image-tells.md` lists what is taken as known. Of a dome of silicone they
-    are those of a contact that is fitted to some pictures, and of free tractions.
+    They are the errors of the best estimate from one picture at one pose, without knowledge of the
+    object and its history. `docs/what-the-image-tells.md` lists the known quantities. For a dome of
+    silicone they belong to a contact that is fitted to some pictures, and to free tractions.
 
     Example: chromagrip limit --sensor thesis --sensor fovea --margin-error 0.03
     """
-    for name, value in (("--noise", noise), ("--margin-error", margin_error)):
+    above = {
+        "--grip": (grip, "N"),
+        "--noise": (noise, "levels"),
+        "--margin-error": (margin_error, ""),
+    }
+    for name, (value, unit) in above.items():
         if value is not None and not 0.0 < value < math.inf:
-            raise UserError(f"{name} must be finite and above 0, got {value:g}")
+            given = f"{value:g} {unit}".strip()
+            raise UserError(f"{name} must be finite and above 0, got {given}")
     if frames < 1:
         raise UserError(f"--frames must be 1 or more, got {frames}")
     # Options that some bodies alone have.

@@ -1,4 +1,4 @@
-"""The commands that list what there is: scenes, sensors, palettes, methods, the installation."""
+"""The commands that list scenes, sensors, palettes, methods, and the installation."""
 
 from collections.abc import Callable
 
@@ -27,7 +27,7 @@ def sensors(*, json_only: Json = False) -> int:
 
 
 def palettes(*, json_only: Json = False) -> int:
-    """List the palettes; every sensor design is one too.
+    """List the palettes; every sensor design is also a palette.
 
     Example: chromagrip list palettes
     """
@@ -44,7 +44,7 @@ def palettes(*, json_only: Json = False) -> int:
 
 
 def controllers(*, json_only: Json = False) -> int:
-    """List the controllers, those of installed packages included.
+    """List the controllers, including those of installed packages.
 
     Example: chromagrip list controllers
     """
@@ -54,7 +54,7 @@ def controllers(*, json_only: Json = False) -> int:
 
 
 def renderers(*, json_only: Json = False) -> int:
-    """List the renderers, those of installed packages included.
+    """List the renderers, including those of installed packages.
 
     Example: chromagrip list renderers
     """
@@ -64,7 +64,7 @@ def renderers(*, json_only: Json = False) -> int:
 
 
 def trackers(*, json_only: Json = False) -> int:
-    """List the trackers, those of installed packages included.
+    """List the trackers, including those of installed packages.
 
     Example: chromagrip list trackers
     """
@@ -74,7 +74,7 @@ def trackers(*, json_only: Json = False) -> int:
 
 
 def reconstructors(*, json_only: Json = False) -> int:
-    """List the reconstructors of forces, those of installed packages included.
+    """List the reconstructors of forces, including those of installed packages.
 
     Example: chromagrip list reconstructors
     """
@@ -84,7 +84,7 @@ def reconstructors(*, json_only: Json = False) -> int:
 
 
 def integrators(*, json_only: Json = False) -> int:
-    """List the integrators of the node model, those of installed packages included.
+    """List the integrators of the node model, including those of installed packages.
 
     Example: chromagrip list integrators
     """
@@ -106,7 +106,7 @@ def recipes(*, json_only: Json = False) -> int:
     return print_list(about, json_only)
 
 
-#: Lists by what they are of.
+#: Lists by their second word.
 LISTS: dict[str, Callable[..., int]] = {
     "scenes": scenes,
     "sensors": sensors,
@@ -122,7 +122,7 @@ LISTS: dict[str, Callable[..., int]] = {
 
 
 def doctor(*, json_only: Json = False) -> int:
-    """Name every missing part of the installation and the command that installs it.
+    """List every missing part of the installation and the command that installs it.
 
     Example: chromagrip doctor
     """

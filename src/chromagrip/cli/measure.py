@@ -20,6 +20,7 @@ from .options import (
     Overwrite,
     Quick,
     Workers,
+    changes_of,
     check_least,
     going_on,
     new_folder,
@@ -56,8 +57,8 @@ def reproduce(
     camera: Annotated[
         Literal["thesis", "camera-100hz"] | None,
         option(
-            "Table 2 and Figs. 13 to 15 through the camera too: at 1000 Hz with the printed gains, "
-            "or at 100 Hz with gains tuned for it",
+            "also run Table 2 and Figs. 13 to 15 through the camera: at 1000 Hz with the printed "
+            "gains, or at 100 Hz with gains tuned for it",
             "thesis|camera-100hz",
         ),
     ] = None,
@@ -107,9 +108,9 @@ def score(
         tuple[Path, ...],
         tyro.conf.Positional,
         option(
-            "tracks of one maker or several, then the truth. Tracks are a file (Parquet, CSV, or "
-            "TAP-Vid's .npz), a folder with one for each sequence, or a tracker to run; the truth "
-            "is a dataset, one of its sequences, or such a file",
+            "tracks of one tracker or several, then the truth. Tracks are a file (Parquet, CSV or "
+            "TAP-Vid's .npz), a folder with one file for each sequence, or a tracker to run. The "
+            "truth is a dataset, one of its sequences, or a file of tracks",
             "TRACKS... TRUTH",
         ),
     ],
@@ -117,18 +118,18 @@ def score(
     out: Out = None,
     overwrite: Overwrite = False,
     follow_links: FollowLinks = False,
-    max_rows: Annotated[int, option("rows of a table that are read at most", "N")] = 20_000_000,
+    max_rows: Annotated[int, option("largest number of rows of a table", "N")] = 20_000_000,
     json_only: JsonOnly = False,
 ) -> int:
     """Score tracks of any tracker against the truth of a dataset or of a file.
 
-    Means over several sequences have bootstrap intervals of 90 %. Leaves leaderboard.html,
-    scores.json and pictures of the worst frames.
+    Means over several sequences have bootstrap intervals of 90 %. The folder has
+    leaderboard.html, scores.json and pictures of the worst frames.
 
-    Example: chromagrip score mine.csv fit data/tracking
+    Example: chromagrip score mine.csv fit data/sequence-000000
     """
     if len(files) < 2:
-        raise UserError("score wants tracks and a truth: chromagrip score TRACKS... TRUTH")
+        raise UserError("score needs tracks and a truth: chromagrip score TRACKS... TRUTH")
     *tracks, truth = files
     if out is None and not json_only:
         out = new_folder(f"score-{stem_of(str(truth))}")
@@ -169,28 +170,37 @@ def sweep(
     arguments: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
-        option("values of an argument of a controller's class", "NAME=V,V,…", "arg"),
+        option(
+            "values of an argument of the controller's class; may be repeated", "NAME=V,V,…", "arg"
+        ),
     ] = (),
     scenes: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
         option(
-            "see `chromagrip list scenes`, or a file; may be repeated", "NAME|FILE.toml", "scene"
+            "scene, see `chromagrip list scenes`, or a .toml file; may be repeated",
+            "NAME|FILE.toml",
+            "scene",
         ),
     ] = (),
     controllers: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
-        option("instead of the scene's; may be repeated", "NAME|MODULE:CLASS", "controller"),
+        option(
+            "controller, instead of the scene's; may be repeated", "NAME|MODULE:CLASS", "controller"
+        ),
     ] = (),
     path: Annotated[
         PathName | None, option("input of the controller, instead of the scene's", "camera|truth")
     ] = None,
-    seeds: Annotated[int, option("runs of each, with seeds from the scene's on", "N")] = 3,
+    seeds: Annotated[
+        int, option("number of runs of each setting, each with its own seed", "N")
+    ] = 3,
     changes: Changes = (),
     allow: Allow = (),
     answer_within: Annotated[
-        float, option("time in which a module:Class must answer; inf is no limit", "SECONDS")
+        float,
+        option("longest time in s for an answer of a module:Class; inf is no limit", "SECONDS"),
     ] = 60.0,
     workers: Workers = CORES,
     out: Out = None,
@@ -201,22 +211,24 @@ def sweep(
 
     An interrupted sweep continues when it is called again with the same --out.
 
-    Example: chromagrip sweep --vary safety_margin.integral_n_per_s=10,30,90 --path truth --seeds 1
+    Example: chromagrip sweep --scene thesis --vary object.friction=0.3,0.5 --path truth --seeds 1
     """
     check_least(seeds=(seeds, 1), workers=(workers, 1))
     if not answer_within > 0.0:
         raise UserError(f"--answer-within {answer_within}: expected more than 0; inf is no limit")
     axes = [_axis(text, "--vary", "") for text in vary]
     axes += [_axis(text, "--arg", "controller_arguments.") for text in arguments]
-    fixed = dict(parse_change(text) for text in changes)
-    if path is not None:
-        fixed["path"] = path
+    shortcuts = {} if path is None else {"path": path}
+    fixed = shortcuts | changes_of(changes, shortcuts)
     if controllers:
         axes.insert(0, ("controller", controllers))
     names = [name for name, _ in axes]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise UserError(f"{twice[0]} is varied twice; give all its values at once")
+    both = [name for name in names if name in fixed]
+    if both:
+        raise UserError(f"{both[0]} is both varied and set; give it once")
 
     from ..measure.engine import UNFINISHED
     from ..measure.sweep.runs import Plan, tasks

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,6 +26,7 @@ from rich.table import Table
 
 from ..errors import UserError
 from ..folders import make_folder
+from ..strict_toml import Values
 
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 #: Processors of this machine.
@@ -39,15 +40,17 @@ def option(text: str, metavar: str | None = None, name: str | None = None) -> An
 
 def _default(value: str) -> str:
     """Mention of a default in a help page; none for options that are off or empty."""
-    return "" if value in ("None", "False", "") else f"(default: {value})"
+    return "" if value in ("None", "False", "", "''") else f"(default: {value})"
 
 
-Quick = Annotated[Flag, option("a shorter run; the results are labelled as such")]
-Out = Annotated[Path | None, option("folder; by default a new one under runs/", "DIR")]
-Overwrite = Annotated[Flag, option("write over an earlier result in --out")]
+Quick = Annotated[Flag, option("shorter run; the results are labelled as such")]
+Out = Annotated[
+    Path | None, option("folder of the results; by default a new one under runs/", "DIR")
+]
+Overwrite = Annotated[Flag, option("overwrite an earlier result in --out")]
 FollowLinks = Annotated[
     Flag,
-    option("read links that lead out of the folder, as in caches of hubs", name="follow-links"),
+    option("follow links out of the folder, as in caches of Hugging Face", name="follow-links"),
 ]
 SceneName = Annotated[
     str, option("shipped scene, see `chromagrip list scenes`, or a .toml file", "NAME|FILE.toml")
@@ -55,53 +58,62 @@ SceneName = Annotated[
 Changes = Annotated[
     tuple[str, ...],
     tyro.conf.UseAppendAction,
-    option("change one value of the scene, such as object.friction=0.3", "KEY=VALUE", "set"),
+    option(
+        "change one value of the scene, such as object.friction=0.3; may be repeated",
+        "KEY=VALUE",
+        "set",
+    ),
 ]
 Allow = Annotated[
     tuple[str, ...],
     tyro.conf.UseAppendAction,
-    option("module whose classes the file may name; no other code of a file is run", "MODULE"),
+    option("module whose classes the file may use; may be repeated; others are refused", "MODULE"),
 ]
 Rest = Annotated[
     str,
     tyro.conf.Positional,
     option(
-        "the unloaded sensor: a picture, or a folder or video whose first frames are averaged; "
-        "first or first:N for frames of the source; auto for the frame of the source whose two "
-        "layers match best",
+        "unloaded sensor: a picture, or a folder or video whose first frames are averaged; first "
+        "or first:N for the first frames of SOURCE; auto for its frame whose two layers match best",
         "REST",
     ),
 ]
 SourceName = Annotated[
     str,
     tyro.conf.Positional,
-    option("folder of pictures, video file, picture or camera:0", "SOURCE"),
+    option("pictures to read: folder, video file, picture or camera:0", "SOURCE"),
 ]
-TrackerName = Annotated[str, option("see `chromagrip list trackers`", "NAME|MODULE:CLASS")]
+TrackerName = Annotated[
+    str, option("tracker of the markers, see `chromagrip list trackers`", "NAME|MODULE:CLASS")
+]
 Noise = Annotated[
     float | None,
-    option("of the camera, one standard deviation; by default estimated at rest", "LEVELS"),
+    option(
+        "standard deviation of the camera noise in levels of 0 to 255; by default estimated at "
+        "rest",
+        "LEVELS",
+    ),
 ]
 Crop = Annotated[
     str | None,
-    option("part of the picture that the sensor is in, by default found", "LEFT,TOP,WIDTH,HEIGHT"),
+    option("part of the picture with the sensor, in px; by default found", "LEFT,TOP,WIDTH,HEIGHT"),
 ]
 Mask = Annotated[
     Path | None,
-    option("picture that is white where the sensor is and black elsewhere", "IMAGE"),
+    option("picture, white on the sensor and black elsewhere", "IMAGE"),
 ]
 Fps = Annotated[
     float | None,
-    option("frame rate of pictures (by default 30), or instead of a video's own", "HZ"),
+    option("frame rate in Hz; by default 30 for pictures, and the video's own for a video", "HZ"),
 ]
 MaxMegapixels = Annotated[
-    float, option("largest picture that is decoded; a larger one is refused", "MP")
+    float, option("largest picture in megapixels; a larger one is refused", "MP")
 ]
 Frames = Annotated[int | None, option("largest number of frames", "N")]
-Workers = Annotated[int, option("processes", "N")]
+Workers = Annotated[int, option("number of processes", "N")]
 Json = Annotated[Flag, option("print one JSON object", name="json")]
 JsonOnly = Annotated[
-    Flag, option("print one JSON object; a folder is written only with --out", name="json")
+    Flag, option("print one JSON object; write a folder only with --out", name="json")
 ]
 
 
@@ -140,6 +152,12 @@ def print_table(table: Table) -> None:
     Console(markup=False, highlight=False).print(table)
 
 
+def tell_lacking(sentences: Iterable[str]) -> None:
+    """Tell what a folder lacks for want of an extra; not among the results."""
+    for sentence in sentences:
+        print(f"chromagrip: {sentence}", file=sys.stderr)
+
+
 def value_table() -> Table:
     """Table with a name and a value in each line."""
     return Table(show_header=False, box=None, padding=(0, 2))
@@ -155,6 +173,28 @@ def check_least(**options: tuple[float | None, float]) -> None:
     for name, (value, least) in options.items():
         if value is not None and not (math.isfinite(value) and value >= least):
             raise UserError(f"--{name.replace('_', '-')} {value}: expected {least:g} or more")
+
+
+def changes_of(
+    texts: Iterable[str], shortcuts: Mapping[str, object] | None = None, flag: str = "--set"
+) -> Values:
+    """Values by key of texts KEY=VALUE; a key that is given twice is refused.
+
+    Parameters
+    ----------
+    texts: as typed
+    shortcuts: values of options that stand for a key, by the key
+    flag: option that the texts are of
+    """
+    from ..scene.scene import parse_change
+
+    changes, typed = Values(), dict.fromkeys(shortcuts or (), "an option of its own")
+    for text in texts:
+        key, value = parse_change(text)
+        if key in typed:
+            raise UserError(f"{key} is given twice: by {typed[key]} and {flag} {text}")
+        changes[key], typed[key] = value, f"{flag} {text}"
+    return changes
 
 
 def check_file(path: Path, suffixes: set[str], overwrite: bool) -> None:

@@ -35,6 +35,7 @@ from .options import (
     option,
     print_table,
     stem_of,
+    tell_lacking,
     value_table,
 )
 from .readouts import prepare
@@ -54,8 +55,8 @@ _RECONSTRUCTOR = "auto"
 PaletteName = Annotated[
     str,
     option(
-        "auto to learn it from the picture, a name of `chromagrip list palettes`, a sensor, or a "
-        ".toml file of either",
+        "colours of the markers: auto learns them from the picture; or a name of `chromagrip list "
+        "palettes`, or a .toml file",
         "auto|NAME|FILE",
     ),
 ]
@@ -67,13 +68,17 @@ def detect(
     palette: PaletteName = _PALETTE,
     crop: Crop = None,
     mask: Mask = None,
-    out: Annotated[Path | None, option("picture with the markers drawn in", "FILE.png")] = None,
-    save_palette: Annotated[
-        Path | None, option("palette that was found, for --palette", "FILE.toml")
+    out: Annotated[
+        Path | None, option("file for a picture with the markers drawn in", "FILE.png")
     ] = None,
-    overwrite: Annotated[Flag, option("write over an earlier picture")] = False,
+    save_palette: Annotated[
+        Path | None, option("file for the palette that is found, to give to --palette", "FILE.toml")
+    ] = None,
+    overwrite: Annotated[Flag, option("overwrite earlier files")] = False,
     max_megapixels: MaxMegapixels = MEGAPIXELS,
-    json_only: Annotated[Flag, option("one JSON object with every marker", name="json")] = False,
+    json_only: Annotated[
+        Flag, option("print one JSON object with every marker", name="json")
+    ] = False,
 ) -> int:
     """Find the markers of each layer in a single picture.
 
@@ -163,7 +168,8 @@ def track(
 ) -> int:
     """Follow the markers of a sensor through pictures, a video or a camera's frames.
 
-    Leaves tracks.parquet (where each marker was in each frame), overlay.mp4 and summary.json.
+    The folder has tracks.parquet (place of each marker in each frame in px; without the extra data
+    tracks.csv), overlay.mp4 and summary.json.
 
     Example: chromagrip track rest.png press.mp4 --tracker lk
     """
@@ -172,7 +178,7 @@ def track(
     if out is None and not json_only:
         out = new_folder(f"track-{stem_of(source)}")
 
-    from ..pictures.track import track_source
+    from ..pictures.track import files_lacking, track_source
 
     with _frames("tracking") as (tell, progress):
         outcome = track_source(
@@ -194,6 +200,8 @@ def track(
         print(json.dumps(outcome.summary))
     else:
         _print_summary(outcome.summary, out)
+    if out is not None:
+        tell_lacking(files_lacking())
     if outcome.broken is not None:
         raise UserError(outcome.broken)
     return 0
@@ -221,7 +229,7 @@ def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
     if summary["ms_per_frame"] is not None:
         table.add_row("speed", f"{summary['ms_per_frame']:.1f} ms a frame, {summary['tracker']}")
     print_table(table)
-    print(f"folder {folder}, see overlay.mp4")
+    print(_seen_in(folder, "overlay.mp4"))
 
 
 def _add_assumed(table: Table, found: "Assumed") -> None:
@@ -249,21 +257,25 @@ def estimate(
     calibration: Annotated[
         str,
         option(
-            "file of `chromagrip calibrate sensor`, or a sensor that is as designed", "NAME|FILE"
+            "sensor: file of `chromagrip calibrate sensor`, or a shipped sensor as designed",
+            "NAME|FILE",
         ),
     ],
     reconstructor: Annotated[
-        str, option("how forces are read off the markers", "NAME|MODULE:CLASS")
+        str,
+        option(
+            "reconstructor of forces, see `chromagrip list reconstructors`", "NAME|MODULE:CLASS"
+        ),
     ] = _RECONSTRUCTOR,
     friction: Annotated[
         str | None,
         option(
-            "how µ is read off the forces, by default as in grasps",
+            "estimator of µ from the forces, by default as in grasps",
             "max-ratio|core-quantile|read-out",
         ),
     ] = None,
     tracker: TrackerName = _TRACKER,
-    window: Annotated[float, option("moving average of the friction estimate", "S")] = 0.3,
+    window: Annotated[float, option("length in s of the moving average of µ", "S")] = 0.3,
     noise: Noise = None,
     fps: Fps = None,
     frames: Frames = None,
@@ -274,9 +286,10 @@ def estimate(
 ) -> int:
     """Estimate forces, friction and safety margin in pictures, a video or a camera's frames.
 
-    Leaves estimates.parquet (values with 90 % intervals, frame by frame), figure.png, overlay.mp4
-    and summary.json. A flat pad has no force model: its displacements are estimated instead. For a
-    sequence of a dataset the true values are printed next to the estimates.
+    The folder has estimates.parquet (values with 90 % intervals, frame by frame; without
+    the extra data estimates.csv), figure.png, overlay.mp4 and summary.json. A flat pad has no force
+    model: its displacements are estimated instead. For a sequence of a dataset the true values are
+    printed next to the estimates.
 
     Example: chromagrip estimate rest.png press.mp4 --calibration mine.toml
     """
@@ -285,7 +298,7 @@ def estimate(
     if out is None and not json_only:
         out = new_folder(f"estimate-{stem_of(source)}")
 
-    from ..pictures.estimate import estimate_source
+    from ..pictures.estimate import estimate_source, files_lacking
     from ..tracking import load_calibration
 
     known = load_calibration(calibration)
@@ -315,6 +328,8 @@ def estimate(
         print(json.dumps(outcome.summary))
     else:
         _print_estimates(outcome.summary, out)
+    if out is not None:
+        tell_lacking(files_lacking())
     if outcome.broken is not None:
         raise UserError(outcome.broken)
     return 0
@@ -380,7 +395,13 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
             f"{summary['ms_per_estimate']:.1f} to estimate",
         )
     print_table(table)
-    print(f"folder {folder}, see figure.png and overlay.mp4")
+    print(_seen_in(folder, "figure.png", "overlay.mp4"))
+
+
+def _seen_in(folder: Path | None, *names: str) -> str:
+    """Line that names a folder, and those of its pictures that are there."""
+    there = [name for name in names if folder is not None and (folder / name).is_file()]
+    return f"folder {folder}, see {' and '.join(there)}" if there else f"folder {folder}"
 
 
 @contextmanager

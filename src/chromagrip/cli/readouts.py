@@ -3,16 +3,18 @@
 import json
 import sys
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
 import tyro
 from rich.table import Table
 
-from ..errors import located
+from ..errors import UserError, located
+from ..folders import remove
 from .options import (
     CORES,
+    Flag,
     Json,
     counting,
     option,
@@ -62,6 +64,12 @@ def train_if_missing(known: "SensorCalibration", reconstructor: str) -> None:
     from ..calibrate.first_use import ensure_readout, training_notice
 
     print(f"chromagrip: {training_notice(known)}", file=sys.stderr, flush=True)
+    if known.sensor.silicone is not None:
+        print(
+            "chromagrip: as a dome of silicone (--body dome) it is read without a training",
+            file=sys.stderr,
+            flush=True,
+        )
     with status() as report:
         ensure_readout(known, report, CORES)
 
@@ -139,22 +147,49 @@ def _list_readouts(json_only: bool) -> int:
         known = load_calibration(name)
         if known.readout is not None:
             entries[name] = readout_origin(known.readout, known)
+    for folder, name in unfinished_trainings().items():
+        megabytes = sum(file.stat().st_size for file in folder.glob("*")) / 1e6
+        entries[f"{name}, training"] = (
+            f"unfinished, {megabytes:.0f} MB in {folder}; the same command goes on with it, "
+            "--remove-unfinished removes it"
+        )
     return print_list(entries, json_only)
+
+
+def unfinished_trainings() -> dict[Path, str]:
+    """Folder of each training in the user's cache that was interrupted, with its sensor's name."""
+    from ..render import load_sensor, sensor_names
+    from ..tracking.forces import kept_path
+
+    named: dict[Path, str] = {}
+    for name in sensor_names():
+        with suppress(UserError):  # without a cache there is none
+            path = kept_path(load_sensor(name))
+            named[path.with_name(f"{path.name}.parts")] = name
+    found = {folder for path in named for folder in path.parent.glob("*.parts") if folder.is_dir()}
+    return {folder: named.get(folder, "a sensor of one's own") for folder in sorted(found)}
 
 
 def readouts(
     sensor: Annotated[
         str | None,
         tyro.conf.Positional,
-        option("sensor, its design, its calibration, or a read-out", "SENSOR|FILE.toml|FILE.npz"),
+        option("sensor, the file of its calibration, or a read-out", "SENSOR|FILE.toml|FILE.npz"),
     ] = None,
     *,
+    remove_unfinished: Annotated[
+        Flag, option("remove the parts of trainings that were interrupted")
+    ] = False,
     json_only: Json = False,
 ) -> int:
     """List the trained read-outs of the shipped sensors, or show one with its training ranges.
 
     Example: chromagrip list readouts thesis
     """
+    if remove_unfinished:
+        for folder in unfinished_trainings():
+            remove(folder)
+            print(f"removed {folder}", file=sys.stderr)
     if sensor is None:
         return _list_readouts(json_only)
 

@@ -8,9 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..errors import UserError
-from ..scene.scene import DEFAULT_SCENE, Body, Scene, load_scene, parse_change
-from .options import Allow, Changes, JsonOnly, Out, Overwrite, counting, new_folder, option
+from ..errors import UserError, meant
+from ..scene.scene import Body, Scene, load_scene
+from .options import (
+    Allow,
+    Changes,
+    JsonOnly,
+    Out,
+    Overwrite,
+    changes_of,
+    counting,
+    new_folder,
+    option,
+)
 from .readouts import make_dome_tables
 
 #: Shapes of `--object` with their usual lengths; `--set object.size_mm=…` gives others.
@@ -31,7 +41,7 @@ BALL_MM = 8.0
 def _sizes_said() -> str:
     """Shapes with their usual lengths [mm], as the keys of a scene have them."""
     sized = [
-        f"{name} ({' '.join(f'{length:g}' for length in keys['object.size_mm'])} mm)"
+        f"{name} ({' × '.join(f'{length:g}' for length in keys['object.size_mm'])} mm)"
         for name, keys in OBJECTS.items()
     ]
     return ", ".join(("plane", f"ball (radius {BALL_MM:g} mm)", *sized))
@@ -44,7 +54,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """Options that say where the object goes, as they were given."""
+    """Options that place the object, as given."""
 
     grip: tuple[float, ...]
     load: tuple[float, ...]
@@ -60,63 +70,76 @@ class Asked:
 def render(
     *,
     scene: Annotated[
-        str, option("scene whose object and sensor are used, or a .toml file", "NAME|FILE.toml")
-    ] = DEFAULT_SCENE,
+        str, option("scene with object and sensor, shipped or a .toml file", "NAME|FILE.toml")
+    ] = "camera-100hz",
     sensor: Annotated[
         str | None,
         option("sensor design, see `chromagrip list sensors`, or a .toml file", "NAME|FILE"),
     ] = None,
-    grip: Annotated[tuple[float, ...], option("grip forces of the sweep", "N...")] = (),
-    load: Annotated[tuple[float, ...], option("lateral loads, at each grip", "N...")] = (),
+    grip: Annotated[tuple[float, ...], option("grip forces in N", "N...")] = (),
+    load: Annotated[
+        tuple[float, ...], option("lateral loads in N, each at every grip", "N...")
+    ] = (),
     press_mm: Annotated[
-        tuple[float, ...], option("depths, of a flat pad or a dome of silicone", "MM...")
+        tuple[float, ...], option("depths in mm, of a flat pad or a dome of silicone", "MM...")
     ] = (),
     shear_mm: Annotated[
         tuple[float, ...],
-        option("shears of a pad, at each depth; along x and y on a dome of silicone", "MM..."),
+        option(
+            "shears in mm: of a pad each at every depth, of a dome of silicone along x and y",
+            "MM...",
+        ),
     ] = (),
     object: Annotated[
         str | None,
         option(
-            "on a dome of silicone: a file of triangles, or one of "
-            f"{_sizes_said()}; --set object.KEY=VALUE gives other sizes",
+            f"object on a dome of silicone: a file of triangles, or {_sizes_said()}; --set "
+            "object.KEY=VALUE gives other sizes",
             "SHAPE|FILE",
         ),
     ] = None,
     twist_deg: Annotated[
-        float | None, option("turn about the dome's axis, after the press", "DEG")
+        float | None, option("turn about the dome's axis in °, after the press", "DEG")
     ] = None,
     tilt_deg: Annotated[
-        tuple[float, ...], option("of the object about x and y, before the press", "X Y")
+        tuple[float, ...], option("tilt of the object about x and y in °, before the press", "X Y")
     ] = (),
     azimuth_deg: Annotated[
-        float | None, option("turn of the object about the dome's axis, before the press", "DEG")
+        float | None, option("turn about the dome's axis in °, before the press", "DEG")
     ] = None,
     force: Annotated[
-        tuple[float, ...], option("along x, along y and down, instead of press and shear", "N N N")
+        tuple[float, ...],
+        option("force along x, along y and down in N, instead of press and shear", "N N N"),
     ] = (),
     moment: Annotated[
-        float | None, option("about the dome's axis, instead of the twist", "N·MM")
+        float | None, option("moment about the dome's axis in N·mm, instead of the twist", "N·MM")
     ] = None,
-    renderer: Annotated[str | None, option("instead of the scene's", "NAME")] = None,
+    renderer: Annotated[
+        str | None,
+        option("renderer, instead of the scene's; see `chromagrip list renderers`", "NAME"),
+    ] = None,
     noise: Annotated[
-        float | None, option("standard deviation, short for camera.noise_levels", "LEVELS")
+        float | None,
+        option(
+            "standard deviation of the camera noise in levels of 0 to 255, short for "
+            "camera.noise_levels",
+            "LEVELS",
+        ),
     ] = None,
-    seed: Annotated[int | None, option("of noise and defects", "N")] = None,
+    seed: Annotated[int | None, option("seed of noise and defects", "N")] = None,
     changes: Changes = (),
     allow: Allow = (),
     out: Out = None,
     overwrite: Overwrite = False,
     json_only: JsonOnly = False,
 ) -> int:
-    """Take pictures of poses, with everything that is true of them.
+    """Draw pictures of poses, with their true values.
 
-    One pose by default (2 N of grip, 0.3 N of load); lists of forces make a sweep. Each picture
-    comes with marker centres, visibility, overlaps, masks, flow, depth and forces, and a preview.
-    The folder can be read by `chromagrip track` and `estimate`, with its rest.png.
+    The default is one pose (grip 2 N, load 0.3 N); lists of forces make a sweep. Each picture has
+    marker centres, visibility, overlaps, masks, flow, depth and forces, and a preview.
+    `chromagrip track` and `estimate` read the folder, with its rest.png.
     With --object, or a scene with body = "dome", the fingertip is a dome or a flat pad of silicone
-    in three dimensions: the object is tilted and turned, pressed to each depth, then sheared and
-    twisted.
+    in 3D. The object is tilted and turned, pressed to each depth, then sheared and twisted.
 
     Example: chromagrip render --grip 1 2 4 --load 0 0.4
     """
@@ -127,8 +150,8 @@ def render(
         "seed": seed,
     }
     changed: dict[str, Any] = {k: v for k, v in shortcuts.items() if v is not None}
-    changed |= _object(object)
-    changed |= dict(parse_change(text) for text in changes)
+    typed = changes_of(changes, changed)
+    changed |= _object(object) | typed
     usual = {"dome": {"path": "truth"}}  # a picture needs no estimator
     changed = usual.get(str(changed.get("body")), {}) | changed
     resolved = load_scene(scene, changed, allow=allow)
@@ -201,9 +224,7 @@ def _chain_poses(scene: Scene, asked: Asked) -> "list[Pose]":
             flag = name.replace("_", "-")
             raise UserError(f"--{flag} is for a dome of silicone: give --object too")
     grip, load, press_mm, shear_mm = asked.grip, asked.load, asked.press_mm, asked.shear_mm
-    numbers = (*grip, *load, *press_mm, *shear_mm)
-    if not all(map(math.isfinite, numbers)) or min((*grip, *press_mm), default=0.0) < 0.0:
-        raise UserError("--grip and --press-mm must be 0 or more, and all numbers finite")
+    _check_numbers(grip=grip, load=load, press_mm=press_mm, shear_mm=shear_mm)
     flat = scene.build_sensor().shape.flat
     if press_mm or shear_mm or (flat and not (grip or load)):
         presses = press_mm or ((1.0,) if flat and not (grip or load) else (0.0,))
@@ -212,6 +233,19 @@ def _chain_poses(scene: Scene, asked: Asked) -> "list[Pose]":
     grips = grip or (2.0,)
     loads = load or ((0.0,) if grip else (0.3,))
     return [Pose(grip=g, load=f) for g in grips for f in loads]
+
+
+def _check_numbers(**options: tuple[float, ...]) -> None:
+    """Refuse numbers of options that are not finite, and grips, depths and forces down below 0."""
+    for name, values in options.items():
+        low = {"grip": values, "press_mm": values, "force": values[2:]}.get(name, ())
+        wrong = [v for v in values if not math.isfinite(v)] + [v for v in low if v < 0.0]
+        if wrong:
+            unit = {"grip": " N", "load": " N", "force": " N", "moment": " N·mm"}.get(name, "")
+            least = "0 or more" if wrong[0] in low else "a finite number"
+            down = " downwards" if name == "force" and wrong[0] in low else ""
+            flag = name.replace("_", "-")
+            raise UserError(f"--{flag} {wrong[0]:g}{unit}{down}: expected {least}")
 
 
 def _object(name: str | None) -> dict[str, Any]:
@@ -227,7 +261,8 @@ def _object(name: str | None) -> dict[str, Any]:
         return changes | {"object.radius_mm": math.inf, "object.shape": name, **OBJECTS[name]}
     if not Path(name).suffix:
         raise UserError(
-            f"--object {name} is neither a file nor one of plane, ball, {', '.join(OBJECTS)}"
+            f"--object {name}{meant(name, ('plane', 'ball', *OBJECTS))} is neither a file nor one "
+            f"of plane, ball, {', '.join(OBJECTS)}"
         )
     return changes | {"object.radius_mm": math.inf, "object.mesh": name}
 
@@ -253,17 +288,10 @@ def _dome_poses(scene: Scene, asked: Asked) -> "list[DomePose]":
         raise UserError("--force replaces --press-mm and --shear-mm: give one or the other")
     if moment is not None and twist_deg is not None:
         raise UserError("--moment replaces --twist-deg: give one or the other")
-    numbers = (
-        *press_mm,
-        *shear_mm,
-        *tilt_deg,
-        *force,
-        azimuth_deg,
-        twist_deg or 0.0,
-        moment or 0.0,
-    )
-    if not all(map(math.isfinite, numbers)) or min((*press_mm, *force[2:]), default=0.0) < 0.0:
-        raise UserError("--press-mm and the force down must be 0 or more, and all numbers finite")
+    _check_numbers(
+        press_mm=press_mm, shear_mm=shear_mm, tilt_deg=tilt_deg, force=force,
+        azimuth_deg=(azimuth_deg,), twist_deg=(twist_deg or 0.0,), moment=(moment or 0.0,),
+    )  # fmt: skip
     shear_x, shear_y = (*(1e-3 * shear for shear in shear_mm), 0.0, 0.0)[:2]
     tilt = (math.radians(tilt_deg[0]), math.radians(tilt_deg[1])) if tilt_deg else (0.0, 0.0)
     return [

@@ -36,8 +36,8 @@ _SHARED: dict[str, Any] = {
 }
 _SHARED_VALUES = {"workers": CORES, "out": None}
 _METHOD = (
-    "compare this one too or alone, as the study says; may be repeated; arguments of a class in "
-    "brackets, such as mine:Class(gain=2)"
+    "{} to compare, in addition to the study's own or alone; may be repeated; arguments of a class "
+    "in brackets, such as mine:Class(gain=2)"
 )
 
 
@@ -101,20 +101,21 @@ def _own_options(entries: Sequence[Entry]) -> dict[str, Any]:
     parts = _united(entry.parts for entry in entries)
     if worlds:
         options["world"] = Annotated[
-            Literal[("", *worlds)], option("instead of the usual one", "|".join(worlds))
+            Literal[("", *worlds)],
+            option("kind of scenes, instead of the usual one", "|".join(worlds)),
         ]
     if method:
         options["methods"] = Annotated[
             tuple[str, ...],
             tyro.conf.UseAppendAction,
-            option(_METHOD, "NAME|MODULE:CLASS", method),
+            option(_METHOD.format(method), "NAME|MODULE:CLASS", method),
         ]
     if parts:
         name = next(entry.of_parts for entry in entries if entry.of_parts)
         options["only"] = Annotated[
             tuple[str, ...],
             tyro.conf.UseAppendAction,
-            option(f"only this {name}; may be repeated: {', '.join(parts)}", "NAME", name),
+            option(f"{name} to measure alone; may be repeated: {', '.join(parts)}", "NAME", name),
         ]
     return options
 
@@ -130,5 +131,6 @@ def _description(entries: Sequence[Entry]) -> str:
     lines = [usual.text, ""]
     for entry in others:
         lines += [f"With --world {'|'.join(entry.worlds)}: {entry.text}", ""]
-    lines += ["An interrupted study goes on when it is called again with the same --out.", ""]
-    return "\n".join([*lines, f"Example: {_STARTS.get(verb, f'chromagrip {verb}')} {part} --quick"])
+    lines += ["An interrupted study continues when it is called again with the same --out.", ""]
+    start = _STARTS.get(verb, f"chromagrip {verb}")
+    return "\n".join([*lines, f"Example: {start} {part} {usual.example}"])

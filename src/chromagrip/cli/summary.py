@@ -14,7 +14,9 @@ Number = Callable[..., str]
 
 
 def print_summary(result: "Result") -> None:
-    """Print what a run came to."""
+    """Print the results of a run."""
+    from ..loop.results.expected_error import expected_words
+
     summary, table = result.summary, value_table()
 
     def number(name: str, digits: int = 3) -> str:
@@ -25,6 +27,8 @@ def print_summary(result: "Result") -> None:
     rows = {"chain": _rows_of_one, "dome": _rows_of_one, "pinch": _rows_of_two}
     for name, words in rows[summary["mechanics"]](summary, number):
         table.add_row(name, words)
+    if summary["margin_error_expected"] is not None:
+        table.add_row("error to expect", expected_words(summary["margin_error_expected"]))
     table.add_row("speed", f"{number('frames_per_second', 1)} frames/s")
     if result.folder is not None:
         table.add_row("folder", str(result.folder))

@@ -1,28 +1,24 @@
 """Summary of a dataset: the table of its sequences, its card, and a sheet of its pictures."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ..errors import UserError
-from ..extras import need
 from ..folders import write_whole
 from ..output.figure import png
-from .folder import CARD, SHEET, TABLE, read_files, sequence_name
+from .folder import CARD, SHEET, read_files, sequence_name
 from .labels import STATES, Column, columns_of
 from .labels.columns import Columns
 from .labels.reading import reading_lines
-from .labels.tables import to_parquet
+from .labels.tables import Table, rows_file
 from .read import Loaded, load_sequence, tables
-from .recipe import CASE, Case, Recipe, Values, bodies_of, dotted, scene_of
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from .recipe import CASE, Case, Recipe, Values, bodies_of, cases_of, dotted
+from .split import drawn_row
 
 #: Pictures in a row of the sheet.
 _ACROSS = 4
@@ -49,23 +45,18 @@ Meshes and sensor designs that were given to it keep their own licences.
 def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     """Write the table, DATASET_CARD.md and contact-sheet.png."""
     names = [sequence_name(number) for number in numbers]
-    drawn = [_numbers(read_files(folder / name)["values"]) for name in names]
-    pa = need("pyarrow", "data")
-    try:
-        data = to_parquet(_table(numbers, drawn))
-    except (pa.ArrowException, OverflowError) as error:  # of values that a stranger gave
-        raise UserError(f"drawn values of the sequences fit in no table: {error}") from None
-    write_whole(folder / TABLE, data)
+    rows = [drawn_row(read_files(folder / name)) for name in names]
+    drawn = [{key: value for key, value in row.items() if key != "number"} for row in rows]
+    keys = ("number", *sorted({key for one in drawn for key in one}))
+    table, data = rows_file("sequences", [{key: row.get(key) for key in keys} for row in rows])
+    write_whole(folder / table, data)
     # Columns of frames whose histograms the card shows.
     counted = ["normal_n", "friction_n", "mu", "margin", "slipped_share"]
     if bodies_of(recipe) == ["dome"]:
         counted.insert(2, "torque_z_nmm")
     columns = [*counted, "slip_state"]
-    parts: dict[str, list[Any]] = {name: [] for name in columns}
-    for table in tables(folder, names, columns):
-        for name in columns:
-            parts[name].append(table[name].combine_chunks())
-    values = {name: pa.chunked_array(parts[name]) for name in columns}
+    parts = list(tables(folder, names, columns))
+    values = {name: np.concatenate([part[name] for part in parts]) for name in columns}
     read = reading_lines(recipe.reading, tables(folder, names))
     down = 3  # rows of the sheet
     chosen = np.linspace(0, len(numbers) - 1, _ACROSS * down, dtype=int)
@@ -74,34 +65,20 @@ def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     write_whole(folder / SHEET, _sheet(shown))
 
 
-def _numbers(values: Values) -> Values:
-    """Values with infinite numbers, which JSON holds as text."""
-    return {key: float(v) if v in ("inf", "-inf") else v for key, v in values.items()}
-
-
-def _table(numbers: list[int], drawn: list[Values]) -> "pa.Table":
-    pa = need("pyarrow", "data")
-    columns = {"number": pa.array(numbers, pa.int64())}
-    for key in sorted({key for values in drawn for key in values}):
-        column = [values.get(key) for values in drawn]  # a key may be of some cases alone
-        columns[key] = pa.array(column)
-    return pa.table(columns)
-
-
 def _card(
     recipe: Recipe,
     numbers: list[int],
     drawn: list[Values],
-    values: "dict[str, pa.ChunkedArray]",
+    values: Table,
     read: list[str],
     one: Loaded,
 ) -> str:
-    counted = values.pop("slip_state").value_counts().to_pylist()
-    states = {one["values"]: one["counts"] for one in counted}
+    states = Counter(values.pop("slip_state").tolist())
     bodies = bodies_of(recipe)
     motions = [str(one.get("motion", "press")) for one in drawn]
+    cases = cases_of(recipe)
     sensors = [
-        Path(scene_of(recipe, number, one).sensor).stem
+        Path(str(one.get("sensor", cases[number % len(cases)].scene.get("sensor", "thesis")))).stem
         for number, one in zip(numbers, drawn, strict=True)
     ]
     lines = [
@@ -109,7 +86,7 @@ def _card(
         "",
         recipe.description,
         "",
-        f"{len(drawn)} sequences, {sum(states.values())} frames, made by chromagrip: simulated "
+        f"{len(drawn)} sequences, {states.total()} frames, made by chromagrip: simulated "
         "pictures of a fingertip with two layers of coloured markers, with what is true of them.",
         "",
         *_sizes(one),
@@ -183,9 +160,7 @@ def _counts(what: str, names: list[str]) -> list[str]:
     return [f"| {what} | sequences |", "|---|---|", *lines, ""]
 
 
-def _histograms(
-    values: "dict[str, pa.ChunkedArray]", meanings: Mapping[str, Column]
-) -> Iterator[str]:
+def _histograms(values: Table, meanings: Mapping[str, Column]) -> Iterator[str]:
     """Histogram of each column, below its meaning."""
     for name, column in values.items():
         unit = f" [{meanings[name].unit}]" if meanings[name].unit else ""
@@ -193,8 +168,7 @@ def _histograms(
         yield from ("```", *_histogram(column), "```", "")
 
 
-def _histogram(column: "pa.ChunkedArray") -> list[str]:
-    values = column.to_numpy()
+def _histogram(values: NDArray[np.float64]) -> list[str]:
     there = values[np.isfinite(values)]
     if not len(there):
         return ["nothing"]

@@ -18,7 +18,7 @@ from .labels.reading import read_again
 from .read import Loaded, check_shared, verified
 from .remote import fetched
 from .sequence import simulated, was_drawn
-from .split import drawn_table
+from .split import drawn_rows
 
 
 def check(
@@ -47,7 +47,7 @@ def check(
     recipe = open_recipe(folder)
     frozen = frozen_as(recipe)
     names = manifest["sequences"]
-    drawn_table(folder, list(names))
+    drawn_rows(folder, list(names))
     for done, (name, one) in enumerate(zip(names, verified(folder), strict=True)):
         if read_files(folder / name)["versions"] != manifest["versions"]:
             raise UserError(f"{folder / name} was made with other versions than the rest")

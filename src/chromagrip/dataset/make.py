@@ -188,7 +188,6 @@ def _sync(folder: Path) -> None:
 
 def _check_made(recipe: Recipe) -> None:
     """Refuse a recipe that cannot be made here."""
-    require("data")
     check_asked(recipe)
     refuse_older(recipe)
 
@@ -231,7 +230,6 @@ def merge(folders: Iterable[Place], out: Place, *, follow_links: bool = False) -
         When the shards differ in recipe, sensor or versions, hold a sequence twice, are not
         complete or have changed.
     """
-    require("data")
     shards = [fetched(folder, follow_links) for folder in folders]
     recipe = open_recipe(shards[0])
     manifests = [check_shared(folder) for folder in shards]

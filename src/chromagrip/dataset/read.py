@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,14 +25,19 @@ from .folder import (
     sequence_name,
 )
 from .labels import READ, STATES, columns_of
-from .labels.tables import MEND, damaged, frame_types, marker_types, read_table, stacked
+from .labels.tables import (
+    MEND,
+    Table,
+    damaged,
+    frame_kinds,
+    marker_kinds,
+    read_table,
+    table_in,
+)
 from .pictures import FRAME, Pictures, pictures_in
 from .recipe import Values
 from .remote import fetched
-from .split import drawn_table, names_of
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from .split import drawn_rows, names_of
 
 #: Columns of a table by name.
 Arrays = dict[str, NDArray[Any]]
@@ -193,20 +198,19 @@ def load_sequence(where: Path) -> Loaded:
 
 def _tables(where: Path, scene: Scene, rows: int) -> tuple[Arrays, Arrays]:
     """Read the columns of frames and of markers; `rows` is the number of pictures."""
-    path = where / "frames.parquet"
+    path = table_in(where, "frames")
     columns = columns_of(scene.body)
-    table = read_table(path, rows, frame_types(columns), others=True)
-    if any(name.startswith(READ) for name in table.column_names):
+    frames = read_table(path, rows, frame_kinds(columns), others=True)
+    if any(name.startswith(READ) for name in frames):
         columns = columns_of(scene.body, reading=True)
-        table = read_table(path, rows, frame_types(columns), others=True)
-    _check_frames(path, table, columns.frame)
-    frames = {name: table[name].to_numpy() for name in table.column_names}
+        frames = read_table(path, rows, frame_kinds(columns), others=True)
+    _check_frames(path, frames, columns.frame)
     if strange := set(frames["slip_state"]) - set(STATES):
         raise damaged(path, f"slip_state is {shortened(strange.pop())}, not {', '.join(STATES)}")
-    path = where / "markers.parquet"
-    table = read_table(path, rows, marker_types(columns), others=True)
-    _check_frames(path, table, ("frame", *columns.markers, *columns.nodes))
-    markers = {name: stacked(table[name]) for name in table.column_names[1:]}
+    path = table_in(where, "markers")
+    markers = read_table(path, rows, marker_kinds(columns), others=True)
+    _check_frames(path, markers, ("frame", *columns.markers, *columns.nodes))
+    del markers["frame"]
     pairs = len(scene.build_sensor().places)
     nodes = scene.build_body().nodes
     lengths = dict.fromkeys(columns.markers, 2 * pairs) | dict.fromkeys(columns.nodes, nodes)
@@ -219,12 +223,13 @@ def _tables(where: Path, scene: Scene, rows: int) -> tuple[Arrays, Arrays]:
     return frames, markers
 
 
-def _check_frames(path: Path, table: Any, known: Iterable[str]) -> None:
+def _check_frames(path: Path, table: Table, known: Iterable[str]) -> None:
     """Refuse a table with unknown columns, or with frames that are not numbered from 0."""
-    if strange := [name for name in table.column_names if name not in known]:
+    if strange := [name for name in table if name not in known]:
         raise damaged(path, f"column {shortened(strange[0])} does not belong there")
-    if (table["frame"].to_numpy() != np.arange(table.num_rows)).any():
-        raise damaged(path, f"its frames are not 0 to {table.num_rows - 1}")
+    rows = len(table["frame"])
+    if (table["frame"] != np.arange(rows)).any():
+        raise damaged(path, f"its frames are not 0 to {rows - 1}")
 
 
 def summarise(folder: Place, *, follow_links: bool = False) -> dict[str, object]:
@@ -232,10 +237,10 @@ def summarise(folder: Place, *, follow_links: bool = False) -> dict[str, object]
     folder = fetched(folder, follow_links)
     manifest, recipe = read_manifest(folder), open_recipe(folder)
     names = list(manifest["sequences"])
-    drawn = drawn_table(folder, names).column_names
+    drawn = {key for row in drawn_rows(folder, names) for key in row}
     states: dict[str, int] = {}
     for table in tables(folder, names, ["slip_state"]):
-        for state in table["slip_state"].to_pylist():
+        for state in table["slip_state"].tolist():
             states[state] = states.get(state, 0) + 1
     size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
     return {
@@ -244,7 +249,7 @@ def summarise(folder: Place, *, follow_links: bool = False) -> dict[str, object]
         "of": recipe.sequences,
         "frames": sum(states.values()),
         "slip_states": states,
-        "drawn": sorted(set(drawn) - {"number"}),
+        "drawn": sorted(drawn - {"number"}),
         "megabytes": round(size / 1e6, 1),
         "versions": manifest["versions"],
     }
@@ -252,10 +257,10 @@ def summarise(folder: Place, *, follow_links: bool = False) -> dict[str, object]
 
 def tables(
     folder: Path, names: Iterable[str], columns: Sequence[str] | None = None
-) -> "Iterator[pa.Table]":
+) -> Iterator[Table]:
     """Read the table of frames of each sequence, with the given columns (default: all)."""
-    types = frame_types(columns_of("dome", reading=True))
+    kinds = frame_kinds(columns_of("dome", reading=True))
     for name in names:
-        own = {column: types[column] for column in columns or ("frame",)}
+        own = {column: kinds[column] for column in columns or ("frame",)}
         rows = len(pictures_in(folder / name))
-        yield read_table(folder / name / "frames.parquet", rows, own, others=columns is None)
+        yield read_table(table_in(folder / name, "frames"), rows, own, others=columns is None)

@@ -184,6 +184,8 @@ def with_meshes(recipe: Recipe, folder: Path) -> Recipe:
     if set(bodies_of(recipe)) != {"dome"}:
         raise UserError('meshes are for a recipe with scene.body = "dome"')
     ends = (".stl", ".obj", ".ply", ".off", ".glb")  # ends of the names of files of meshes
+    if not folder.is_dir():
+        raise UserError(f"there is no folder {folder}; give a folder of {', '.join(ends)} files")
     found = sorted(str(p.absolute()) for p in folder.glob("*") if p.suffix.lower() in ends)
     if not found:
         raise UserError(f"folder {folder} has no mesh: no file that ends in {', '.join(ends)}")
@@ -333,7 +335,8 @@ def check_asked(recipe: Recipe) -> None:
     if recipe.reading:
         if recipe.reading not in (DEFAULT_RECONSTRUCTOR, *METHODS):
             allowed = ", ".join((DEFAULT_RECONSTRUCTOR, *METHODS))
-            raise UserError(f"no reading {recipe.reading!r}; there is {allowed}")
+            question = meant(recipe.reading, (DEFAULT_RECONSTRUCTOR, *METHODS))
+            raise UserError(f"no reading {recipe.reading!r}{question}; there is {allowed}")
         for body in bodies_of(recipe):
             reconstructor_for(body, recipe.reading)
     if recipe.store == "clean":

@@ -37,7 +37,13 @@ from .folder import CAMERA, FILES, FileList, file_digest, made_with, sequence_na
 from .labels import Shot, columns_of
 from .labels.frames import labelled
 from .labels.reading import with_readings
-from .labels.tables import frame_table, marker_table, to_parquet
+from .labels.tables import (
+    frame_meanings,
+    frame_table,
+    marker_meanings,
+    marker_table,
+    table_file,
+)
 from .pictures import CLEAN, FRAME, NOISE, REST, change_png, noise_key
 from .recipe import Recipe, Values, drawn, pose_of, scene_of
 
@@ -212,9 +218,8 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
         # Pictures are on the disk; a long sequence must not keep them.
         rows.append(dataclasses.replace(shot, image=np.empty(0, np.uint8), truth={}))
     columns = columns_of(made.scene.body, bool(recipe.reading))
-    tables = {"frames": frame_table(rows, columns), "markers": marker_table(rows, columns)}
-    for name, table in tables.items():
-        keep(f"{name}.parquet", to_parquet(table))
+    keep(*table_file("frames", frame_table(rows, columns), frame_meanings(columns)))
+    keep(*table_file("markers", marker_table(rows, columns), marker_meanings(columns)))
     listed: FileList = {
         "number": number,
         "versions": made_with(),

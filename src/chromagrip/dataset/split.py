@@ -3,24 +3,18 @@
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 from zlib import crc32
 
 import msgspec
 import numpy as np
 
 from ..errors import UserError, meant
-from ..extras import need
 from ..folders import write_whole
 from ..strange_files import read_small, shortened
-from .folder import TABLE, Place, read_manifest, sequence_name
-from .labels.tables import damaged, read_table
+from .folder import TABLE, FileList, Place, read_files, read_manifest, sequence_name
+from .labels.tables import damaged, read_rows
 from .recipe import Values
 from .remote import SPLIT, fetched, is_address, put
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 
 #: Drawn values that make a shape.
 _SHAPE = tuple(
@@ -65,7 +59,7 @@ def split(
         given = ", ".join(f"{name} {share:g}" for name, share in shares.items())
         raise UserError(f"shares must be above 0 and add up to 1, got {given}")
     address, folder = folder, fetched(folder, follow_links)
-    rows = drawn_table(folder, list(read_manifest(folder)["sequences"])).to_pylist()
+    rows = drawn_rows(folder, list(read_manifest(folder)["sequences"]))
     groups = _groups(rows, by)
     if by == "shape" and len(groups) == 1:
         by, groups = "object", _groups(rows, "object")
@@ -137,21 +131,29 @@ def _check_part(name: str, where: str) -> None:
         raise UserError(f"{where}: a part cannot be called {shortened(name)}")
 
 
-def drawn_table(folder: Path, names: list[str]) -> "pa.Table":
-    """Read the table of the values drawn for each sequence of a dataset.
+def drawn_row(listed: FileList) -> Values:
+    """Number and drawn values of a sequence; JSON holds infinity as text."""
+    values = {k: float(v) if v in ("inf", "-inf") else v for k, v in listed["values"].items()}
+    return {"number": listed["number"], **values}
+
+
+def drawn_rows(folder: Path, names: list[str]) -> list[Values]:
+    """Read the values drawn for each sequence of a dataset, with its `number`.
+
+    They are in each sequence's own file too, which is read where the table is not Parquet.
 
     Raises
     ------
     UserError
-        When it is damaged or has other sequences.
+        When they are damaged or have other sequences.
     """
-    table = read_table(
-        folder / TABLE, len(names), {"number": need("pyarrow", "data").int64()}, others=True
-    )
-    numbers = sorted(table["number"].to_pylist())
-    if [sequence_name(number) for number in numbers] != sorted(names):
-        raise damaged(folder / TABLE, "it is not of the sequences of the dataset")
-    return table
+    path = folder / TABLE
+    if not path.is_file():
+        return [drawn_row(read_files(folder / name)) for name in names]
+    rows = read_rows(path, len(names), {"number": "int64"})
+    if sorted(sequence_name(row["number"]) for row in rows) != sorted(names):
+        raise damaged(path, "it is not of the sequences of the dataset")
+    return rows
 
 
 def _groups(rows: list[Values], by: str) -> dict[str, list[int]]:
@@ -175,7 +177,7 @@ def _groups(rows: list[Values], by: str) -> dict[str, list[int]]:
 
 def values_of_parts(folder: Path, parts: dict[str, list[str]]) -> dict[str, dict[str, list[str]]]:
     """Values of each drawn key in each part, of keys with few values; by key, then by part."""
-    rows = drawn_table(folder, list(read_manifest(folder)["sequences"])).to_pylist()
+    rows = drawn_rows(folder, list(read_manifest(folder)["sequences"]))
     by_name = {sequence_name(row["number"]): row for row in rows}
     found = {}
     for key in sorted({key for row in rows for key in row} - {"number"}):

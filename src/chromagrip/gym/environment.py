@@ -29,7 +29,7 @@ from ..loop.pinch.stage import Stage, draw_side, set_stage
 from ..loop.rig import Rig, RigState
 from ..output.processes import one_thread
 from ..scene.fingers import build_pinch, fingers
-from ..scene.scene import DEFAULT_SCENE, PathName, load_scene
+from ..scene.scene import PathName, load_scene
 from ..sensing.reader import Reading
 from ..tracking import Tracks
 from .observations import Image, ObservationName, observation_of, observed, space_of
@@ -97,7 +97,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
 
     def __init__(
         self,
-        scene: str = DEFAULT_SCENE,
+        scene: str = "camera-100hz",
         observation: ObservationName = "margin",
         action: Literal["force", "rate"] = "force",
         path: PathName | None = None,

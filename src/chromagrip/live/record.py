@@ -11,11 +11,10 @@ from pathlib import Path
 import msgspec
 
 from ..errors import UserError
-from ..extras import require
 from ..folders import disk_errors
 from ..loop.record import Record
 from ..loop.rig import Rig
-from ..loop.run_files import PARTS, RunFiles
+from ..loop.run_files import PARTS, RunFiles, files_lacking
 from ..loop.sample import Sample
 from ..scene.scene import Scene
 from ..scene.settings import LoadSettings
@@ -45,7 +44,6 @@ class Recorder:
         """Keep a frame."""
         try:
             if self._now is None:
-                require("data", "video", purpose="a recording")
                 self._now = _Recording(_unused(self.parent), sample, rig)
                 self.tell(f"**recording** into {self._now.folder}")
             self._now.add(sample, rig, sliders)
@@ -123,7 +121,7 @@ class _Recording:
         with self._files, disk_errors(self.folder):
             _write_sliders(self.folder / PARTS / "sliders.csv", self._sliders)
             self._record.finish(scene, said, **{FROM: self._begin})
-        return f"recorded {length:.2f} s in {self.folder}"
+        return "; ".join([f"recorded {length:.2f} s in {self.folder}", *files_lacking()])
 
     def discard(self) -> None:
         """Remove its folder."""

@@ -137,15 +137,19 @@ class HoldingController:
     def _checked(self, arrived: Arrived) -> float:
         who = f"controller {self._name}"
         place = f"at t = {arrived.observation.time:.4g} s, sample {arrived.index}"
+        late, answer, force = False, None, None
         with blaming(f"{who} failed {place}", Exception, SystemExit):
             try:
                 answer = self._limit.call(self._controller.command, arrived.observation)
+                force = float(answer.force) if hasattr(answer, "force") else None
             except NoAnswerError:
-                answer = None
-            else:
-                force = float(answer.force)
-        if answer is None:
+                late = True
+        if late:
             raise UserError(f"{who} did not answer within {self._limit.seconds:g} s {place}")
+        if force is None:
+            raise UserError(
+                f"{who} answered {answer!r} {place}; expected a GripCommand with a force in N"
+            )
         return checked_force(force, f"{who} commanded", place)
 
 

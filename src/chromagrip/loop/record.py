@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..compiled import compile_seconds
 from ..errors import UserError
 from ..scene.scene import Scene
 from ..tracking import SensorCalibration, Tracks
@@ -77,14 +78,14 @@ class Record:
             When the folder cannot be written; the run's files are then removed.
         """
         if self._rows:  # the first frame includes those at rest
-            self._seconds += time.perf_counter() - self._since
+            self._seconds += _working_time() - self._since
         self._rest = sample.readings[0].rest
         self._reasons += sample.reasons
         line = self._lines.line(sample)
         self._rows.extend(line)
         if self._files is not None:
             self._files.add(line, sample, rig)
-        self._since = time.perf_counter()
+        self._since = _working_time()
 
     @property
     def trace(self) -> Trace:
@@ -114,6 +115,11 @@ class Record:
     def _summary(self, scene: Scene, trace: Trace) -> Summary:
         pose = _pose_at_rest(self._known, self._rest)
         return summarise(scene, trace, self._seconds, self._read_with, pose, self._reasons)
+
+
+def _working_time() -> float:
+    """Clock that stands still while kernels are compiled [s]."""
+    return time.perf_counter() - compile_seconds()
 
 
 def _pose_at_rest(known: SensorCalibration | None, rest: Tracks | None) -> CameraPose | None:

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from ..errors import UserError
-from ..extras import need, require
+from ..extras import lacking, missing, table_suffix
 from ..folders import filling, leave, prepared, sync
-from ..output.frames import FRAMES, FrameFiles, FrameFormat
+from ..output.frames import FRAMES, FrameFiles, FrameFormat, check_frames
 from ..output.logs.write import LOG_FILES, LogFormat, write_logs
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene
 from .columns import Rows, prefixes
+from .results.trace_file import TRACES, write_trace
 from .rig import Rig
 from .sample import Sample
 from .trace import Summary, Trace, TraceLines
@@ -26,12 +27,13 @@ if TYPE_CHECKING:
     from .pinch.video import PinchVideo
     from .results.tactile_video import TactileVideo
 
-#: Files of a run folder.
+_VIDEO = "tactile.mp4"
+#: Files of a run folder where no extra is missing, see `files_lacking`.
 FILES = (
     "summary.json",
-    "trace.parquet",
+    TRACES[0],
     "figure.png",
-    "tactile.mp4",
+    _VIDEO,
     "scene.toml",
     "report.html",
 )
@@ -45,7 +47,8 @@ class RunFiles:
     """Files of a run, which get their final names together, once all are written.
 
     Until then they are in a folder inside the run folder, with the lines of the trace as text;
-    they remain there if the run is killed. On a full disk only the scene remains.
+    they remain there if the run is killed. On a full disk only the scene remains. Without the extra
+    `video` there is no video, and without `data` the trace is a NumPy file.
 
     Parameters
     ----------
@@ -66,7 +69,7 @@ class RunFiles:
         log: Sequence[LogFormat] = (),
         drawn: bool = True,
     ) -> None:
-        require("data", *["video"] * drawn, purpose="writing a run folder")
+        check_frames(frames)
         self.folder = folder
         self._parts = folder / PARTS
         self._scene, self._log, self._drawn = scene, log, drawn
@@ -79,7 +82,7 @@ class RunFiles:
         self._held.enter_context(prepared(folder, overwrite))
         with self._writing():
             self._discard()
-            for name in (*FILES, *LOG_FILES):
+            for name in (*FILES, *TRACES, *LOG_FILES):
                 (folder / name).unlink(missing_ok=True)
             shutil.rmtree(folder / FRAMES, ignore_errors=True)
             self._parts.mkdir()
@@ -87,7 +90,7 @@ class RunFiles:
             part.write_text(scene_text(scene), encoding="utf-8")
             part.replace(folder / part.name)
             self._lines = TraceLines(self._parts / LINES, Rows(scene).columns)
-            if drawn:
+            if drawn and missing("video") is None:
                 self._video = _open_video(self._parts, scene)
             if frames is not None:
                 for name in prefixes(scene):
@@ -207,7 +210,17 @@ def _open_video(folder: Path, scene: Scene) -> "TactileVideo | PinchVideo":
     from .results.tactile_video import TactileVideo
 
     kinds: dict[int, type[TactileVideo | PinchVideo]] = {1: TactileVideo, 2: PinchVideo}
-    return kinds[scene.fingers](folder / "tactile.mp4", scene)
+    return kinds[scene.fingers](folder / _VIDEO, scene)
+
+
+def files_lacking(drawn: bool = True) -> list[str]:
+    """One sentence for each extra without which a run folder has less.
+
+    Parameters
+    ----------
+    drawn: see `RunFiles`
+    """
+    return lacking(TRACES[1], _VIDEO if drawn else "")
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary, drawn: bool) -> None:
@@ -215,7 +228,8 @@ def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary, d
     from .results.report import write_report
     from .results.run_folder import RunRead
 
-    _write_trace(scene, trace, folder / "trace.parquet")
+    path = folder / f"trace{table_suffix('.npz')}"
+    write_trace(path, trace.columns, Rows(scene).columns)
     if drawn:
         draw_figure(scene, trace, folder / "figure.png")
     text = json.dumps({**summary, "versions": versions()}, indent=2)
@@ -234,16 +248,6 @@ def _write_run_logs(
 
         read = RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)
         write_logs(log_of(read), folder, formats)
-
-
-def _write_trace(scene: Scene, trace: Trace, path: Path) -> None:
-    """Write a trace as a Parquet table, which holds the meaning of its columns."""
-    pa = need("pyarrow", "data")
-    pq = need("pyarrow.parquet", "data")
-    rows = Rows(scene)
-    table = pa.table({name: pa.array(trace[name]) for name in rows.names})
-    meaning = {name: rows.columns[name].encode() for name in rows.names}
-    pq.write_table(table.replace_schema_metadata(meaning), path)
 
 
 def scene_text(

@@ -17,6 +17,7 @@ from ..tracking.forces import CameraPose
 from ..tracking.forces.chain import Used
 from .column import OUTCOMES
 from .columns import COLUMNS, prefixes
+from .results.expected_error import expected_error
 
 Array = NDArray[np.float64]
 
@@ -117,7 +118,8 @@ def summarise(
     ----------
     scene: scene that was run
     trace: trace until the end of the run or an interruption
-    seconds: wall-clock time of the loop from the second frame on, without writing files [s]
+    seconds: wall-clock time of the loop from the second frame on, without compiling and writing
+        files [s]
     used: methods and calibration for the first finger's forces; None on the truth path
     pose: pose of the first finger's camera against the sensor's design; None if it is unknown
     reasons: one reason for each missing estimate of a finger
@@ -128,6 +130,7 @@ def summarise(
         "renderer": scene.renderer,
         "sensor": scene.sensor,
         **(used or dict.fromkeys(Used.__annotations__)),
+        "margin_error_expected": used and expected_error(scene, used["reconstructor"]),
         "mechanics": scene.mechanics,
         "camera_pose": None if pose is None else pose.table(),
         "without_estimate": len(reasons),

@@ -21,7 +21,7 @@ from pkgutil import walk_packages
 from typing import Any, Generic, Literal, TypeVar
 
 from ..by_name import Choice, import_named, named
-from ..errors import UserError
+from ..errors import UserError, meant
 from ..output.page import PageSection
 from ..output.report import Report
 from ..scene.scene import load_scene
@@ -133,6 +133,7 @@ class Entry:
     method: kind of the methods that it can compare; empty is none
     parts: that can be asked for alone
     of_parts: option that names one of `parts`, such as `scene`
+    example: options of the command in the example of its help, which takes a few seconds
     make: the study itself
     """
 
@@ -142,6 +143,7 @@ class Entry:
     method: Kind
     parts: tuple[str, ...]
     of_parts: str
+    example: str = "--quick"
     make: Callable[[Asked], Study[Any, Any]] = field(repr=False)
 
     @property
@@ -163,6 +165,7 @@ def study(
     method: Kind = "",
     parts: Sequence[str] = (),
     of_parts: str = "",
+    example: str = "--quick",
 ) -> Callable[[Callable[[Asked], Study[Any, Any]]], Callable[[Asked], Study[Any, Any]]]:
     """Decorator that enters a function into the table of studies; see `Entry`."""
 
@@ -174,6 +177,7 @@ def study(
             method=method,
             parts=tuple(parts),
             of_parts=of_parts,
+            example=example,
             make=make,
         )
         _ENTRIES[verb, part, worlds] = entry
@@ -244,5 +248,6 @@ def find_study(verb: str, part: str, asked: Asked) -> Entry:
     unknown = [name for name in asked.only if name not in entry.parts]
     if unknown:
         known, kind = ", ".join(entry.parts) or "none", entry.of_parts or "part"
-        raise UserError(f"{where} has no {kind} {unknown[0]!r}; there is {known}")
+        question = meant(unknown[0], entry.parts)
+        raise UserError(f"{where} has no {kind} {unknown[0]!r}{question}; there is {known}")
     return entry

@@ -22,6 +22,12 @@ FrameFormat = Literal["png", "ffv1"]
 FRAMES = "frames"
 
 
+def check_frames(kind: FrameFormat | None) -> None:
+    """Refuse a format whose extra is not installed."""
+    if kind == "ffv1":
+        require("video", purpose="writing pictures as ffv1")
+
+
 class FrameFiles:
     """Folder of pictures, which is filled while they come.
 
@@ -38,8 +44,7 @@ class FrameFiles:
     """
 
     def __init__(self, folder: Path, kind: FrameFormat, rate: float) -> None:
-        if kind == "ffv1":
-            require("video", purpose="writing pictures as ffv1")
+        check_frames(kind)
         self._folder, self._kind = folder, kind
         self._list: TextIO | None = None
         with disk_errors(folder):

@@ -1,11 +1,12 @@
-"""Tracks and estimates as Parquet files, written while they come.
+"""Tracks and estimates as tables, written while they come: Parquet, or CSV by a file's name.
 
-Units and meanings of the columns are the schema's metadata.
+Units and meanings of the columns are the metadata of a Parquet table's schema.
 """
 
-from collections.abc import Mapping, Sequence
+import csv
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,12 +109,87 @@ _TRACK_GROUP = 100_000
 Row = dict[str, float | str | NDArray[np.float32] | None]
 
 
-class _ParquetFile(GrowingFile):
-    """Parquet file that is written in groups of rows.
+#: Values of some rows by column; NaN of an array is null, as None of a list.
+_Values = Mapping[str, Sequence[Any] | NDArray[Any]]
+
+
+class _Writer(Protocol):
+    """Writes a table, some rows at a time; errors of the disk are an `OSError`."""
+
+    def write(self, values: _Values) -> None:
+        """Append rows."""
+
+    def close(self) -> None:
+        """Complete the file."""
+
+
+class _ParquetWriter:
+    """Writes a Parquet file, with a group of rows at a time."""
+
+    def __init__(self, path: Path, columns: Columns, categories: Sequence[str]) -> None:
+        pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
+        self._categories = pa.array(categories, pa.string())
+        kinds = {"list": pa.list_(pa.float32()), "dictionary": pa.dictionary(pa.int8(), "string")}
+        self._schema = pa.schema(
+            [pa.field(name, kinds.get(kind, kind)) for name, (kind, _) in columns.items()],
+            metadata={name: text for name, (_, text) in columns.items()},
+        )
+        self._numbered = {name for name, (kind, _) in columns.items() if kind == "dictionary"}
+        self._file = pq.ParquetWriter(path, self._schema)
+
+    def write(self, values: _Values) -> None:
+        pa = need("pyarrow", "data")
+        arrays = []
+        for field in self._schema:
+            own = values[field.name]
+            if field.name in self._numbered:
+                array = pa.DictionaryArray.from_arrays(pa.array(own), self._categories)
+            else:
+                array = pa.array(own, field.type, from_pandas=isinstance(own, np.ndarray))
+            arrays.append(array)
+        self._file.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class _CsvWriter:
+    """Writes a CSV file, without the columns whose values are lists; unknown values are empty."""
+
+    def __init__(self, path: Path, columns: Columns, categories: Sequence[str]) -> None:
+        self._path, self._categories = path, categories
+        self._kinds = {name: kind for name, (kind, _) in columns.items() if kind != "list"}
+        self._append([list(self._kinds)])
+
+    def write(self, values: _Values) -> None:
+        count, part = len(values["frame"]), 1000  # rows that are text at a time
+        for start in range(0, count, part):
+            cells = (
+                self._cells(kind, values[name][start : start + part])
+                for name, kind in self._kinds.items()
+            )
+            self._append(zip(*cells, strict=True))
+
+    def close(self) -> None:
+        """Do nothing: the file is closed after every piece, also where the disk is full."""
+
+    def _append(self, rows: Iterable[Sequence[object]]) -> None:
+        with self._path.open("a", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows(rows)
+
+    def _cells(self, kind: str, values: Sequence[Any] | NDArray[Any]) -> list[object]:
+        plain = values.tolist() if isinstance(values, np.ndarray) else values
+        if kind == "dictionary":
+            return [self._categories[number] for number in plain]
+        return [value if value == value else "" for value in plain]  # NaN is not itself
+
+
+class _Table(GrowingFile):
+    """Table that is written in groups of rows.
 
     Parameters
     ----------
-    path: of the file
+    path: of the file; one that ends in `.csv` is CSV, others are Parquet
     columns: of its table
     categories: strings that a `dictionary` column numbers
 
@@ -124,16 +200,10 @@ class _ParquetFile(GrowingFile):
     """
 
     def __init__(self, path: Path, columns: Columns, categories: Sequence[str] = ()) -> None:
-        pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
         super().__init__(path)
-        self._categories = pa.array(categories, pa.string())
-        kinds = {"list": pa.list_(pa.float32()), "dictionary": pa.dictionary(pa.int8(), "string")}
-        self._schema = pa.schema(
-            [pa.field(name, kinds.get(kind, kind)) for name, (kind, _) in columns.items()],
-            metadata={name: text for name, (_, text) in columns.items()},
-        )
+        kind: Callable[..., _Writer] = _CsvWriter if path.suffix == ".csv" else _ParquetWriter
         with disk_errors(path):
-            self._writer = pq.ParquetWriter(self._part, self._schema)
+            self._writer = kind(self._part, columns, categories)
 
     def _finish(self) -> None:
         self._flush()
@@ -143,13 +213,13 @@ class _ParquetFile(GrowingFile):
         """Write the rows that wait."""
         raise NotImplementedError
 
-    def _write(self, table: Any) -> None:
+    def _write(self, values: _Values) -> None:
         with disk_errors(self._path):
-            self._writer.write_table(table)
+            self._writer.write(values)
 
 
-class TrackTable(_ParquetFile):
-    """Parquet file of tracks with the columns TRACKS.
+class TrackTable(_Table):
+    """Table of tracks with the columns TRACKS.
 
     Parameters
     ----------
@@ -202,20 +272,13 @@ class TrackTable(_ParquetFile):
         self._rows += size
 
     def _flush(self) -> None:
-        pa = need("pyarrow", "data")
         if self._rows:
-            arrays = [
-                pa.DictionaryArray.from_arrays(pa.array(column[: self._rows]), self._categories)
-                if name == "layer"
-                else pa.array(column[: self._rows], from_pandas=True)  # NaN is null
-                for name, column in self._columns.items()
-            ]
-            self._rows = 0
-            self._write(pa.Table.from_arrays(arrays, schema=self._schema))
+            rows, self._rows = self._rows, 0
+            self._write({name: column[:rows] for name, column in self._columns.items()})
 
 
-class EstimateTable(_ParquetFile):
-    """Parquet file of estimates.
+class EstimateTable(_Table):
+    """Table of estimates; as CSV it has no lists, such as the forces on each node.
 
     Parameters
     ----------
@@ -225,6 +288,7 @@ class EstimateTable(_ParquetFile):
 
     def __init__(self, path: Path, columns: Columns) -> None:
         super().__init__(path, columns)
+        self._names = list(columns)
         self._rows: list[Row] = []
 
     def add(self, row: Row) -> None:
@@ -237,4 +301,4 @@ class EstimateTable(_ParquetFile):
     def _flush(self) -> None:
         if self._rows:
             rows, self._rows = self._rows, []
-            self._write(need("pyarrow", "data").Table.from_pylist(rows, self._schema))
+            self._write({name: [row.get(name) for row in rows] for name in self._names})

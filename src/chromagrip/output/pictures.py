@@ -99,9 +99,10 @@ def open_source(
             live=True,
         )
     if path.is_dir():
+        _refuse_home(path)
         files = [p for p in path.iterdir() if is_picture(p) and not p.name.startswith(".")]
         if not files:
-            raise UserError(f"folder {name} has no pictures; wanted: {', '.join(SUFFIXES)} files")
+            raise UserError(f"folder {name} has no pictures; expected {', '.join(SUFFIXES)} files")
         left = [p for p in files if without is None or not p.samefile(without)]
         if not left:
             raise UserError(f"folder {name} has no pictures but {without}")
@@ -111,6 +112,18 @@ def open_source(
     if is_picture(path):
         return _pictures(name, [path], fps, max_megapixels)
     return _video(path, fps, max_megapixels)
+
+
+def _refuse_home(folder: Path) -> None:
+    """Refuse a run and a dataset, whose pictures of frames lie further down."""
+    traces = (folder / f"trace{suffix}" for suffix in (".parquet", ".npz"))
+    if (folder / "summary.json").is_file() and any(trace.is_file() for trace in traces):
+        kept = folder / "frames"
+        frames = kept if kept.is_dir() else folder / "tactile.mp4"
+        raise UserError(f"folder {folder} is a run, whose frames are in {frames}: give that")
+    if (folder / "manifest.json").is_file() and any(folder.glob("sequence-*")):
+        one = min(folder.glob("sequence-*"))
+        raise UserError(f"folder {folder} is a dataset: give one of its sequences, such as {one}")
 
 
 def is_picture(path: Path) -> bool:

@@ -4,12 +4,15 @@ import platform
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 
+from .opencv import loaded_version
+
 
 def versions() -> dict[str, str]:
-    """Versions that decide what a run computes."""
-    names = ("chromagrip", "numpy", "scipy", "numba", "opencv-contrib-python-headless", "av")
+    """Versions that decide what a run computes; OpenCV's is that which is loaded."""
     found = {"python": platform.python_version()}
-    for name in names:
-        with suppress(PackageNotFoundError):  # av comes with an extra
-            found[name] = version(name)
+    for name in ("chromagrip", "numpy", "scipy", "numba"):
+        found[name] = version(name)
+    found["opencv"] = loaded_version() or "unknown"
+    with suppress(PackageNotFoundError):  # it comes with an extra
+        found["av"] = version("av")
     return found

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..by_name import Choice
-from ..errors import UserError, located
-from ..extras import require
+from ..errors import UserError, located, meant
+from ..extras import lacking, table_suffix
 from ..loop.trace import counted_kinds
 from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable, Row
 from ..output.versions import versions
@@ -38,12 +38,17 @@ from ..tracking.forces.chain import UsedReadOut, used
 from .figure import draw_figure
 from .following import Add, Course, Outcome, Progress, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
-from .overlay import OverlayVideo
+from .overlay import OVERLAY, open_overlay
 from .readings import Read, displacement_reading, force_reading
 
 FORMAT = "chromagrip estimate 1"
-#: Files of a folder of estimates; the summary is written last.
-FILES = ("summary.json", "estimates.parquet", "figure.png", "overlay.mp4")
+#: Files of a folder of estimates, in one of two formats; the summary is written last.
+FILES = ("summary.json", "estimates.parquet", "estimates.csv", "figure.png", OVERLAY)
+
+
+def files_lacking() -> list[str]:
+    """One sentence for each extra without which a folder of estimates has less."""
+    return lacking("estimates.csv", OVERLAY)
 
 
 class Typical(TypedDict):
@@ -115,8 +120,8 @@ def estimate_source(
 ) -> Outcome[EstimateSummary]:
     """Estimate forces, µ and Γ in every frame, or displacements where there is no force model.
 
-    With `out`, leave estimates, figure, overlay and summary in that folder. Interruptions and
-    sources that break off leave what there is, see `track_source`.
+    With `out`, leave estimates, figure, overlay and summary in that folder; what is left where an
+    extra is missing, or the source breaks off, is as in `track_source`.
 
     Parameters
     ----------
@@ -139,8 +144,6 @@ def estimate_source(
     if gains is None:
         check_reconstructor(reconstructor, known)  # before the work
         read_with = used(reconstructor, known)
-    if out is not None:
-        require("data", "video", purpose="a folder of estimates")
     palette = Palette.of_sensor(known.sensor)
     opened = open_tracking(
         rest,
@@ -199,7 +202,8 @@ def _friction_rule(name: str | None) -> FrictionRule:
     if name is None:
         return CAMERA_RULE
     if name not in FRICTION:
-        raise UserError(f"no friction reading {name!r}; there is {', '.join(FRICTION)}")
+        question = meant(name, FRICTION)
+        raise UserError(f"no friction reading {name!r}{question}; there is {', '.join(FRICTION)}")
     return replace(CAMERA_RULE, read=FRICTION[name])
 
 
@@ -233,9 +237,9 @@ class _Rows:
         table = video = None
         if self._out is not None:
             columns = DISPLACEMENTS if self._flat else FORCES
-            table = files.enter_context(EstimateTable(self._out / "estimates.parquet", columns))
-            fps = self._opened.source.fps
-            video = files.enter_context(OverlayVideo(self._out / "overlay.mp4", fps))
+            path = self._out / f"estimates{table_suffix('.csv')}"
+            table = files.enter_context(EstimateTable(path, columns))
+            video = open_overlay(self._out, self._opened.source.fps, files)
 
         def add(index: int, frame: Frame, tracks: Tracks) -> None:
             begin = time.perf_counter()
@@ -244,8 +248,9 @@ class _Rows:
             row |= {"frame": index, "time_s": frame.time}
             # Arrays would make the memory grow with the source.
             self._rows.append({k: v for k, v in row.items() if not isinstance(v, np.ndarray)})
-            if table is not None and video is not None:
+            if table is not None:
                 table.add(row)
+            if video is not None:
                 video.append(draw())
 
         return add

@@ -18,7 +18,7 @@ from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_r
 from .any_size import Fitter, Fitting, fitting
 from .find_sensor import Find
 from .noise_level import noise_level
-from .rest_frames import rest_frames, rest_picture
+from .rest_frames import refuse_swapped, rest_frames, rest_picture
 
 _GIVEN = "given"
 
@@ -91,6 +91,7 @@ def open_tracking(
         When there is nothing to track.
     """
     make, name = load_tracker(tracker), name_of(tracker)
+    refuse_swapped(rest, source)
     opened = open_source(source, fps, rest_picture(rest, source), max_megapixels)
     tell("rest frame")
     with one_thread():

@@ -45,6 +45,12 @@ def rest_picture(rest: str, source: str) -> Path | None:
     return path if folder.is_dir() and path.parent.samefile(folder) else None
 
 
+def refuse_swapped(rest: str, source: str) -> None:
+    """Refuse a folder as the unloaded sensor of a single picture that is called rest…."""
+    if Path(rest).is_dir() and Path(source).is_file() and rest_picture(source, rest) is not None:
+        raise UserError(f"rest {rest} and source {source} are swapped: give the rest picture first")
+
+
 def rest_frames(
     rest: str,
     source: Source,
@@ -76,6 +82,11 @@ def rest_frames(
         return Resting([frame], f"frame {index} of the source, found", place, source.frames())
     first = re.fullmatch(r"first(?::(\d+))?", rest)
     if first is None:
+        if not rest.startswith(("camera:", "pipe:")) and not Path(rest).exists():
+            raise UserError(
+                f"rest {rest}: there is no such file or folder; give a picture, a folder, a video, "
+                "first, first:N or auto"
+            )
         own = open_source(rest, max_megapixels=max_megapixels)
         if own.live:
             raise UserError(f"rest {rest} is a camera; give a picture, or first:N of the source")
@@ -86,11 +97,11 @@ def rest_frames(
         return Resting(still, words, f"rest {rest}", source.frames())
     wanted = int(first[1] or 1)
     if wanted < 1:
-        raise UserError(f"rest {rest} is no frame; wanted: first:1 or more")
+        raise UserError(f"rest {rest} is no frame; expected first:1 or more")
     frames = source.frames()
     still = list(itertools.islice(frames, wanted))
     if len(still) < wanted:
-        raise UserError(f"rest {rest} wants {wanted} frames; {source.name} has {len(still)}")
+        raise UserError(f"rest {rest} needs {wanted} frames; {source.name} has {len(still)}")
     words, place = "first frame of the source", f"rest {source.frame_name(0)}"
     if wanted > 1:
         words = f"first {wanted} frames of the source"

@@ -10,7 +10,7 @@ from typing import TypedDict
 import numpy as np
 
 from ..by_name import Choice
-from ..extras import require
+from ..extras import lacking, table_suffix
 from ..output.parquet import TrackTable
 from ..output.versions import versions
 from ..render import Frame
@@ -19,11 +19,16 @@ from ..tracking import AUTO_PALETTE, Tracks
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 from .following import Add, Course, Outcome, Progress, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
-from .overlay import OverlayVideo, TrackDrawing, dropped
+from .overlay import OVERLAY, TrackDrawing, dropped, open_overlay
 
 FORMAT = "chromagrip track 1"
-#: Files of a folder of tracks; the summary is written last.
-FILES = ("summary.json", "tracks.parquet", "overlay.mp4")
+#: Files of a folder of tracks, in one of two formats; the summary is written last.
+FILES = ("summary.json", "tracks.parquet", "tracks.csv", OVERLAY)
+
+
+def files_lacking() -> list[str]:
+    """One sentence for each extra without which a folder of tracks has less."""
+    return lacking("tracks.csv", OVERLAY)
 
 
 class NotFollowed(TypedDict):
@@ -60,6 +65,8 @@ def track_source(
 ) -> Outcome[TrackSummary]:
     """Track the markers of a source; with `out`, leave tracks, overlay and summary in that folder.
 
+    Without the extra `data` the tracks are `tracks.csv`; without `video` there is no overlay.
+
     Where the source breaks off, the tracks up to there are kept and the outcome says so.
     Interrupted by Ctrl-C it keeps the tracks so far, marked as not complete, and raises
     KeyboardInterrupt; a camera without a number of frames is ended that way, and complete.
@@ -84,8 +91,6 @@ def track_source(
     UserError
         When there is nothing to track.
     """
-    if out is not None:
-        require("data", "video", purpose="writing tracks")
     find = finder(palette, within)
     opened = open_tracking(
         rest,
@@ -141,11 +146,13 @@ def _open_files(opened: Opened, out: Path | None, files: ExitStack) -> Add:
     if out is None:
         return lambda index, frame, tracks: None
     draw = TrackDrawing(opened.palette, opened.start, opened.resting)
-    table = files.enter_context(TrackTable(out / "tracks.parquet", opened.palette.names))
-    video = files.enter_context(OverlayVideo(out / "overlay.mp4", opened.source.fps))
+    path = out / f"tracks{table_suffix('.csv')}"
+    table = files.enter_context(TrackTable(path, opened.palette.names))
+    video = open_overlay(out, opened.source.fps, files)
 
     def add(index: int, frame: Frame, tracks: Tracks) -> None:
         table.add(index, _original(tracks, opened))
-        video.append(draw(frame.image, tracks))
+        if video is not None:
+            video.append(draw(frame.image, tracks))
 
     return add

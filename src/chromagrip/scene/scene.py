@@ -347,7 +347,8 @@ class Scene(Table, frozen=True):
         return self.controller.replace("-", "_")
 
 
-DEFAULT_SCENE = "camera-100hz"
+#: Scene of a built sensor that is read by physics.
+DEFAULT_SCENE = "chromatouch-2022"
 
 
 def scene_names() -> list[str]:

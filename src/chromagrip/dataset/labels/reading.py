@@ -6,7 +6,6 @@ The reconstructor receives the pictures, the picture at rest, the sensor design 
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +23,6 @@ from ...tracking import CAMERA_RULE
 from .columns import INTERVALS, READ, READING
 from .laws import Table
 from .shot import Image, Shot
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 Values = dict[str, float | int | str]
@@ -102,7 +98,7 @@ def _values(row: Row) -> Values:
     return values
 
 
-def reading_lines(reconstructor: str, tables: "Iterable[pa.Table]") -> list[str]:
+def reading_lines(reconstructor: str, tables: Iterable[Table]) -> list[str]:
     """Lines of the dataset card on the errors of the estimates; empty without a reconstructor.
 
     Parameters
@@ -115,16 +111,16 @@ def reading_lines(reconstructor: str, tables: "Iterable[pa.Table]") -> list[str]
     reasons: list[str] = []
     found: dict[str, list[Array]] = {name: [] for name in INTERVALS}
     for table in tables:
-        touching = table["contact_nodes"].to_numpy() > 0
-        reasons += [reason for reason in table[f"{READ}no_estimate"].to_pylist() if reason]
-        for name in set(INTERVALS) & set(table.column_names):
-            columns = [table[column].to_numpy() for column in (name, *INTERVALS[name])]
+        touching = table["contact_nodes"] > 0
+        reasons += [reason for reason in table[f"{READ}no_estimate"].tolist() if reason]
+        for name in set(INTERVALS) & set(table):
+            columns = [table[column] for column in (name, *INTERVALS[name])]
             found[name].append(np.stack(columns)[:, touching])
     lines = [
         f"## Reading: `{reconstructor}`",
         "",
-        "What a reconstructor reads from the pictures, beside what is true. It knows the pictures, "
-        "`rest.png`, the sensor's design and the camera's noise. Frames in contact:",
+        "Estimates of a reconstructor from the pictures, next to the labels. It is given the "
+        "pictures, `rest.png`, the sensor's design and the camera's noise. Frames in contact:",
         "",
         "| of | frames | median error | within its 90 % interval |",
         "|---|---|---|---|",

@@ -1,6 +1,8 @@
-"""Parquet tables of labels; their Arrow types follow from the columns."""
+"""Tables of labels: arrays by column, kept as Parquet, or as NumPy files without pyarrow."""
 
-from collections.abc import Mapping
+import csv
+import io
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...extras import need
+from ...extras import missing, need
 from ...output.parquet import FORCES
+from ...strange_files import array_names, read_arrays, shortened
 from .columns import COMMON, READING, Column, Columns
 from .shot import Shot
 
@@ -18,11 +21,19 @@ if TYPE_CHECKING:
 
 #: What to do about a damaged file of a dataset.
 MEND = "copy the dataset again, or make it again with dataset make --resume"
+#: Columns by name: values (T,), or lists of one length (T, L).
+Table = dict[str, NDArray[Any]]
+#: Kind of each column: `float64`, `int32`, `bool`, `string`, or `list` of `float` or `bool`.
+Kinds = Mapping[str, str]
+#: NumPy types of the kinds in a NumPy file.
+_DTYPES = {
+    "float64": np.float64, "int32": np.int32, "int64": np.int64, "bool": np.bool_,
+    "list float": np.float32, "list bool": np.bool_,
+}  # fmt: skip
 
 
-def frame_types(columns: Columns) -> "dict[str, pa.DataType]":
-    """Arrow type of each column of `frames.parquet`."""
-    pa = need("pyarrow", "data")
+def frame_kinds(columns: Columns) -> Kinds:
+    """Kind of each column of the table `frames`."""
     # Columns of frames and of lists that are no floating-point numbers.
     whole, words = ("frame", "contact_nodes"), ("slip_state",)
     kinds = {
@@ -31,56 +42,93 @@ def frame_types(columns: Columns) -> "dict[str, pa.DataType]":
         **dict.fromkeys(words, "string"),
         **{name: FORCES[of][0] for name, of in READING.items()},
     }
-    return {name: pa.type_for_alias(kinds[name]) for name in columns.frame}
+    return {name: kinds[name] for name in columns.frame}
 
 
-def marker_types(columns: Columns) -> "dict[str, pa.DataType]":
-    """Arrow type of each column of `markers.parquet`; lists have no fixed length."""
-    pa = need("pyarrow", "data")
-    lists = (*columns.markers, *columns.nodes)
+def marker_kinds(columns: Columns) -> Kinds:
+    """Kind of each column of the table `markers`; lists have no fixed length."""
     flags = ("visible", "node_contact", "node_slips")
-    return {"frame": pa.int32()} | {
-        name: pa.list_(pa.bool_() if name in flags else pa.float32()) for name in lists
+    return {"frame": "int32"} | {
+        name: f"list {'bool' if name in flags else 'float'}"
+        for name in (*columns.markers, *columns.nodes)
     }
 
 
-def frame_table(rows: list[Shot], columns: Columns) -> "pa.Table":
-    """Arrow table of the values of frames, one row per frame."""
-    pa = need("pyarrow", "data")
-    made = {
-        name: pa.array([row.values[name] for row in rows], kind)
-        for name, kind in frame_types(columns).items()
+def frame_table(rows: list[Shot], columns: Columns) -> Table:
+    """Values of frames, one row per frame."""
+    return {
+        name: np.array(
+            [row.values[name] for row in rows], object if kind == "string" else _DTYPES[kind]
+        )
+        for name, kind in frame_kinds(columns).items()
     }
-    return _with_meaning(pa.table(made), columns.frame)
 
 
-def marker_table(rows: list[Shot], columns: Columns) -> "pa.Table":
-    """Arrow table of markers and nodes, one row of lists per frame."""
-    pa = need("pyarrow", "data")
-    made = {"frame": pa.array([int(row.values["frame"]) for row in rows], pa.int32())}
+def marker_table(rows: list[Shot], columns: Columns) -> Table:
+    """Values of markers and nodes, one row of lists per frame; float32 resolves 0.00006 px."""
+    made: Table = {"frame": np.array([int(row.values["frame"]) for row in rows], np.int32)}
     for name in columns.markers:
-        made[name] = _lists([row.markers[name] for row in rows])
+        made[name] = np.stack([row.markers[name] for row in rows])
     for name in columns.nodes:
-        made[name] = _lists([row.nodes[name] for row in rows])
-    meaning = {"frame": COMMON["frame"], **columns.markers, **columns.nodes}
-    return _with_meaning(pa.table(made), meaning)
+        made[name] = np.stack([row.nodes[name] for row in rows])
+    kinds = marker_kinds(columns)
+    return {name: values.astype(_DTYPES[kinds[name]]) for name, values in made.items()}
 
 
-def _lists(values: list[Any]) -> "pa.Array":
-    """Arrow array of equally long lists; float32 resolves 0.05 nm and 0.00006 px."""
+def frame_meanings(columns: Columns) -> dict[str, Column]:
+    """Description of each column of the table `frames`."""
+    return dict(columns.frame)
+
+
+def marker_meanings(columns: Columns) -> dict[str, Column]:
+    """Description of each column of the table `markers`."""
+    return {"frame": COMMON["frame"], **columns.markers, **columns.nodes}
+
+
+def table_file(name: str, table: Table, meanings: Mapping[str, Column]) -> tuple[str, bytes]:
+    """Name and bytes of the file of a table: Parquet, or NumPy's npz where pyarrow is missing."""
+    if missing("data") is None:
+        made = need("pyarrow", "data").table({key: _arrow(value) for key, value in table.items()})
+        meaning = {key: of.meaning.encode() for key, of in meanings.items()}
+        return f"{name}.parquet", _parquet(made.replace_schema_metadata(meaning))
+    sink = io.BytesIO()
+    plain = {k: v.astype(np.str_) if v.dtype == object else v for k, v in table.items()}
+    np.savez_compressed(sink, allow_pickle=False, **plain)
+    return f"{name}.npz", sink.getvalue()
+
+
+def rows_file(name: str, rows: Sequence[Mapping[str, Any]]) -> tuple[str, bytes]:
+    """Name and bytes of a table of any values: Parquet, or CSV where pyarrow is missing.
+
+    Raises
+    ------
+    UserError
+        When values of a column have no common type.
+    """
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    if missing("data") is not None:
+        sink = io.StringIO(newline="")
+        writer = csv.DictWriter(sink, keys, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+        return f"{name}.csv", sink.getvalue().encode()
     pa = need("pyarrow", "data")
-    stacked = np.stack(values)
-    flat = stacked.ravel() if stacked.dtype == bool else stacked.astype(np.float32).ravel()
-    return pa.FixedSizeListArray.from_arrays(pa.array(flat), stacked.shape[1])
+    try:
+        columns = {key: pa.array([row.get(key) for row in rows]) for key in keys}
+        return f"{name}.parquet", _parquet(pa.table(columns))
+    except (pa.ArrowException, OverflowError) as error:  # of values that a stranger gave
+        raise UserError(f"drawn values of the sequences fit in no table: {error}") from None
 
 
-def _with_meaning(table: "pa.Table", columns: dict[str, Column]) -> "pa.Table":
-    """Store the meaning of each column in the table's metadata."""
-    meaning = {name: of.meaning.encode() for name, of in columns.items()}
-    return table.replace_schema_metadata(meaning)
+def _arrow(values: NDArray[Any]) -> "pa.Array":
+    """Arrow array of a column."""
+    pa = need("pyarrow", "data")
+    if values.ndim == 1:
+        return pa.array(values, pa.string() if values.dtype == object else None)
+    return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
 
 
-def to_parquet(table: "pa.Table") -> bytes:
+def _parquet(table: "pa.Table") -> bytes:
     """Write a table as the bytes of a Parquet file."""
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     # Numbers do not repeat, but their signs and exponents do: bytes of equal rank lie together.
@@ -93,26 +141,69 @@ def to_parquet(table: "pa.Table") -> bytes:
     pq.write_table(
         table, sink, compression="zstd", use_dictionary=False, use_byte_stream_split=split
     )
-    return sink.getvalue().to_pybytes()
+    return bytes(sink.getvalue().to_pybytes())
 
 
-def read_table(
-    path: Path, rows: int, types: "Mapping[str, pa.DataType]", others: bool = False
-) -> "pa.Table":
-    """Read columns of a Parquet file; check its metadata before decoding.
+def table_in(folder: Path, name: str) -> Path:
+    """File of a table in a folder, as Parquet or as a NumPy file; Parquet if there is none."""
+    kept = folder / f"{name}.npz"
+    return kept if kept.is_file() else folder / f"{name}.parquet"
+
+
+def read_table(path: Path, rows: int, kinds: Kinds, others: bool = False) -> Table:
+    """Read columns of a table; check its metadata before decoding.
 
     Parameters
     ----------
-    path: path of the file
+    path: path of the file, see `table_in`
     rows: required number of rows
-    types: types of the columns to read; none of their values may be missing
-    others: whether to read all other columns too, of any type
+    kinds: kinds of the columns to read; none of their values may be missing
+    others: whether to read all other columns too, of any kind
 
     Raises
     ------
     UserError
         When the file is damaged or too large, or has the wrong number of rows, columns or types.
     """
+    read = _read_npz if path.suffix == ".npz" else _read_parquet
+    return read(path, rows, kinds, others)
+
+
+def _read_npz(path: Path, rows: int, kinds: Kinds, others: bool) -> Table:
+    try:
+        names = array_names(path)
+        if absent := [name for name in kinds if names.count(name) != 1]:
+            raise damaged(path, f"it must have one column {absent[0]}")
+        table = read_arrays(path, dict.fromkeys(names if others else kinds))
+    except UserError as error:
+        if str(error).startswith(f"{path} is damaged"):
+            raise
+        raise damaged(path, str(error).removeprefix(f"{path} ")) from None
+    for name, values in table.items():
+        lists = kinds.get(name, "").startswith("list")
+        if values.ndim not in ((2,) if lists else (1, 2) if name not in kinds else (1,)):
+            raise damaged(path, f"column {shortened(name)} has another shape")
+        if len(values) != rows:
+            raise damaged(path, f"it has {len(values)} rows, expected {rows}")
+        if values.dtype.kind == "U":
+            table[name] = values.astype(object)
+        kind = "string" if values.dtype.kind == "U" else values.dtype
+        if name in kinds and kind != _DTYPES.get(kinds[name], "string"):
+            raise damaged(path, f"column {name} holds {kind}, expected {kinds[name]}")
+    return table
+
+
+def read_rows(path: Path, rows: int, kinds: Kinds) -> list[dict[str, Any]]:
+    """Read a Parquet table of any values, row by row; parameters and errors as in `read_table`."""
+    return list(_arrow_table(path, rows, kinds, others=True).to_pylist())
+
+
+def _read_parquet(path: Path, rows: int, kinds: Kinds, others: bool) -> Table:
+    table = _arrow_table(path, rows, kinds, others)
+    return {name: _values(table[name]) for name in table.column_names}
+
+
+def _arrow_table(path: Path, rows: int, kinds: Kinds, others: bool) -> "pa.Table":
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     try:
         with pq.ParquetFile(path) as file:
@@ -120,15 +211,15 @@ def read_table(
             if found != rows:
                 raise damaged(path, f"it has {found} rows, expected {rows}")
             names = file.schema_arrow.names
-            if missing := [name for name in types if names.count(name) != 1]:
-                raise damaged(path, f"it must have one column {missing[0]}")
+            if absent := [name for name in kinds if names.count(name) != 1]:
+                raise damaged(path, f"it must have one column {absent[0]}")
             _check_size(path, file.metadata)
-            table = file.read(columns=None if others else list(types))
+            table = file.read(columns=None if others else list(kinds))
             table.validate(full=True)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error).partition("\n")[0]
         raise damaged(path, reason) from None
-    for name, kind in types.items():
+    for name, kind in kinds.items():
         _check_column(path, name, table[name], kind)
     return table
 
@@ -151,25 +242,34 @@ def _check_size(path: Path, metadata: Any) -> None:
         raise damaged(path, f"it would take {size / 1e9:.1f} GB of memory, more than {most}")
 
 
-def _check_column(path: Path, name: str, column: "pa.ChunkedArray", kind: "pa.DataType") -> None:
+def _check_column(path: Path, name: str, column: "pa.ChunkedArray", kind: str) -> None:
     """Refuse a column with another type, missing values, or lists of different lengths."""
     pa, pc = need("pyarrow", "data"), need("pyarrow.compute", "data")
-    own, missing = column.type, column.null_count
-    if pa.types.is_list(kind) and (pa.types.is_list(own) or pa.types.is_fixed_size_list(own)):
+    own, absent = column.type, column.null_count
+    words = kind.split()
+    lists = len(words) > 1
+    expected = pa.type_for_alias(words[-1])
+    expected = pa.list_(expected) if lists else expected
+    if lists and (pa.types.is_list(own) or pa.types.is_fixed_size_list(own)):
         own = pa.list_(own.value_type)
-        missing += pc.list_flatten(column).null_count
-    if own != kind:
-        raise damaged(path, f"column {name} holds {own}, expected {kind}")
-    if missing:
+        absent += pc.list_flatten(column).null_count
+    if own != expected:
+        raise damaged(path, f"column {name} holds {own}, expected {expected}")
+    if absent:
         raise damaged(path, f"column {name} has values that are missing")
-    if pa.types.is_list(kind):
+    if lists:
         lengths = pc.unique(pc.list_value_length(column))
         if len(lengths) != 1:
             raise damaged(path, f"column {name} has lists of {len(lengths)} lengths, expected one")
 
 
-def stacked(column: "pa.ChunkedArray") -> NDArray[Any]:
-    """Convert a column of lists to an array with one list per row."""
+def _values(column: "pa.ChunkedArray") -> NDArray[Any]:
+    """Convert a column to an array, lists of one length to one with a list per row."""
+    pa, own = need("pyarrow", "data"), column.type
+    if not (pa.types.is_list(own) or pa.types.is_fixed_size_list(own)):
+        return np.asarray(column.to_numpy())
     lists = column.combine_chunks()
     flat = lists.flatten().to_numpy(zero_copy_only=False)
+    if len(lists) and len(flat) % len(lists):  # a stranger's lists, which nobody reads
+        return np.array(lists.to_pylist(), object)
     return np.asarray(flat.reshape(len(lists), -1))

@@ -9,6 +9,7 @@ from ...output.run_page import RunOnPage, write_run_page
 from ...scene.scene import PathName, Scene
 from ..columns import prefixes
 from ..trace import Summary, may_slide, word_for_read
+from .expected_error import expected_words
 from .panels import Columns, panels_of
 from .run_folder import RunRead
 from .tactile_video import SLOWDOWN
@@ -57,6 +58,8 @@ def _words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
     if not summary["complete"]:
         yield f"The run ended early, at {summary['duration_s']:.2f} s of {scene.duration_s:g} s."
     yield from {1: _one_words, 2: _two_words}[scene.fingers](scene, summary, of)
+    if (expected := summary.get("margin_error_expected")) is not None:
+        yield f"Error of Γ to expect of this sensor and reader: {expected_words(expected)}."
     possible = np.any([may_slide(scene, of, before) for before in prefixes(scene)], axis=0)
     if scene.sliding_margin is not None and possible.any():
         yield (

@@ -10,7 +10,8 @@ from ...output.logs.write import LogFormat, require_logs, write_logs
 from ...output.run_page import write_run_page
 from .log import log_of
 from .report import REPORT, run_on_page
-from .run_folder import MOST_ROWS, read_run
+from .run_folder import read_run
+from .trace_file import MOST_ROWS
 
 
 def write_reports(

@@ -3,7 +3,7 @@
 The folder may be a stranger's. Links out of it are refused, and sizes are checked before reading.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,32 +14,29 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...extras import missing, need
+from ...extras import missing
 from ...output.pictures import open_source
 from ...scene.scene import Mechanics, PathName, Scene, load_scene
-from ...strange_files import inside, shortened
+from ...strange_files import inside
 from ..columns import columns_of
 from ..trace import Summary
+from .expected_error import ExpectedError
+from .trace_file import LARGEST, MEND, MOST_ROWS, TRACES, read_trace
 
 Array = NDArray[np.float64]
 
-#: Files that a finished run has.
-NEEDED = ("summary.json", "trace.parquet", "scene.toml")
+#: Files that a finished run has, beside one of TRACES.
+NEEDED = ("summary.json", "scene.toml")
 #: Video that it may have.
 VIDEO = "tactile.mp4"
-#: Largest number of rows of a trace that is read.
-MOST_ROWS = 2_000_000
 #: Largest text that is read whole [bytes].
 LARGEST_TEXT = 2**24
 #: Largest video or picture that is read whole [bytes].
 LARGEST_FILE = 2**28
-#: Largest value of a column.
-_LARGEST = 1e12
 #: Endings of the names of columns that older traces lack, by the number of fingers.
 _LATER = {1: (), 2: ("_deviation_n", "_deviation_nmm", "limit_margin_low", "limit_margin_high")}
-_MEND = "take a whole copy of the folder, or run its scene again"
 
-_Number = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
+_Number = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
 _Value = _Number | None
 _Text = str | None
 _Count = Annotated[int, Meta(ge=0, le=10**9)]
@@ -73,6 +70,7 @@ class _Known(msgspec.Struct, kw_only=True):
     smallest_margin_true: _Value = None
     smallest_limit_margin_true: _Value = None
     margin_rmse: _Value = None
+    margin_error_expected: ExpectedError | None = None
     final_mu_true: _Value = None
     final_mu_estimated: _Value = None
     rigid_slip_mm: _Value = None
@@ -163,92 +161,29 @@ def read_run(
         link that leads out of it.
     """
     if not folder.is_dir():
-        raise UserError(f"{folder} is not a run folder: there is no such folder")
-    files = {name: inside(folder, name, follow_links) for name in (*NEEDED, VIDEO)}
-    for name in NEEDED:
-        if not files[name].is_file():
-            raise UserError(f"{folder} is not a finished run: it has no {name}")
+        why = "it is a file" if folder.is_file() else "there is no such folder"
+        raise UserError(f"{folder} is not a run folder: {why}")
+    files = {name: inside(folder, name, follow_links) for name in (*NEEDED, *TRACES, VIDEO)}
+    found = next((files[name] for name in TRACES if files[name].is_file()), None)
+    lacks = [name for name in NEEDED if not files[name].is_file()]
+    if lacks or found is None:
+        lack = lacks[0] if lacks else " or ".join(TRACES)
+        raise UserError(f"{folder} is not a finished run: it has no {lack}")
     check_size(files["scene.toml"], LARGEST_TEXT)
     scene = load_scene(str(files["scene.toml"]), allow=allow)
     summary = _read_summary(files["summary.json"], _SUMMARIES[scene.fingers])
     wanted = list(columns_of(scene.mechanics))
     later = _LATER[scene.fingers]
-    columns = read_trace(files["trace.parquet"], wanted, later, max_rows)
+    columns = read_trace(found, wanted, later, max_rows)
     rows = len(columns["time_s"])
     if rows != summary["frames"]:
         raise UserError(
-            f"{files['trace.parquet']} has {rows} rows, and summary.json {summary['frames']} "
-            f"frames; {_MEND}"
+            f"{found} has {rows} rows, and summary.json {summary['frames']} frames; {MEND}"
         )
     _check_video(files[VIDEO])
     return RunRead(
         folder=folder, scene=scene, summary=summary, columns=columns, follow_links=follow_links
     )
-
-
-def read_trace(
-    path: Path, names: list[str], later: tuple[str, ...] = (), max_rows: int = MOST_ROWS
-) -> dict[str, Array]:
-    """Read columns of a trace.
-
-    Parameters
-    ----------
-    path: path of a Parquet table
-    names: names of the columns
-    later: endings of the names of columns that may be missing
-    max_rows: largest number of rows, checked before they are read
-
-    Raises
-    ------
-    UserError
-        When it cannot be read, lacks a column, or has values that no trace has.
-    """
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
-    try:
-        with pq.ParquetFile(path) as file:
-            there = {name for name in names if not name.endswith(later)}
-            there |= {name for name in names if name in file.schema_arrow.names}
-            _check_table(path, file, there, max_rows)
-            table = file.read(columns=[name for name in names if name in there])
-        columns = {name: table[name].cast("float64").to_numpy() for name in table.column_names}
-    except (OSError, ValueError, pa.ArrowException) as error:
-        if isinstance(error, UserError):
-            raise
-        reason = shortened(str(error).split("\n")[0], 200)
-        raise UserError(f"{path} cannot be read as a trace: {reason}; {_MEND}") from None
-    _check_values(path, columns)
-    return columns
-
-
-def _check_table(path: Path, file: Any, names: set[str], max_rows: int) -> None:
-    """Refuse a table without the schema of a trace, or too long, before it is decoded."""
-    rows, schema = file.metadata.num_rows, file.schema_arrow
-    if not 0 < rows <= max_rows:
-        allowed = f"a run has 1 to {max_rows}; for more give --max-rows N"
-        raise UserError(f"{path} has {rows} rows; {allowed}")
-    for name in sorted(names):
-        count = schema.names.count(name)
-        if count != 1:
-            wrong = "no column" if count == 0 else f"{count} columns"
-            raise UserError(f"{path} has {wrong} {name}; {_MEND}")
-        kind = str(schema.field(name).type)
-        if not kind.startswith(("double", "float", "halffloat", "int", "uint")):
-            raise UserError(f"{path}: column {name} holds {shortened(kind)}, not numbers; {_MEND}")
-
-
-def _check_values(path: Path, columns: Mapping[str, Array]) -> None:
-    """Refuse times that do not rise, and values that no run has."""
-    time, latest = columns["time_s"], 1e6  # [s]
-    if not (np.isfinite(time).all() and time[0] >= 0.0 and time[-1] <= latest):
-        raise UserError(f"{path}: column time_s must hold times of 0 to {latest:g} s; {_MEND}")
-    late = np.flatnonzero(np.diff(time) <= 0.0)
-    if len(late):
-        raise UserError(f"{path}: column time_s does not rise at row {late[0] + 1}; {_MEND}")
-    for name, values in columns.items():
-        wrong = np.flatnonzero(np.isfinite(values) & (abs(values) > _LARGEST))
-        if len(wrong):
-            place = f"column {name} is {values[wrong[0]]:g} at row {wrong[0]}"
-            raise UserError(f"{path}: {place}, allowed is at most {_LARGEST:g}; {_MEND}")
 
 
 def _read_summary(path: Path, kind: type[_Known]) -> Summary:
@@ -260,11 +195,11 @@ def _read_summary(path: Path, kind: type[_Known]) -> Summary:
     except OSError as error:
         raise UserError(f"{path} cannot be read: {error.strerror}") from None
     except (msgspec.MsgspecError, RecursionError, ValueError) as error:
-        raise UserError(f"{path.parent} cannot be read: {path.name}: {error}; {_MEND}") from None
+        raise UserError(f"{path.parent} cannot be read: {path.name}: {error}; {MEND}") from None
     if known.without_estimate and not known.without_estimate_because:
         raise UserError(
             f"{path}: without_estimate is {known.without_estimate}, and without_estimate_because "
-            f"gives no reason; {_MEND}"
+            f"gives no reason; {MEND}"
         )
     return summary
 
@@ -272,7 +207,7 @@ def _read_summary(path: Path, kind: type[_Known]) -> Summary:
 def _check_video(path: Path) -> None:
     """Refuse a file or folder that has the name of the video but is not a video."""
     if path.is_dir():
-        raise UserError(f"{path} is a folder, not a video; {_MEND}")
+        raise UserError(f"{path} is a folder, not a video; {MEND}")
     if path.is_file():
         check_size(path, LARGEST_FILE)
         if missing("video") is None:

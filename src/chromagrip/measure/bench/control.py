@@ -143,9 +143,9 @@ TARGETS: dict[tuple[str, str, str], Bounds] = {
 }
 
 
-@study("bench", "control", method="controller")
+@study("bench", "control", method="controller", example="--controller conservative --quick")
 def control_study(asked: Asked) -> Study[ControlRun, Scores | str]:
-    """Controllers in scenes beyond the thesis and with the 27 objects, on both paths.
+    """Controllers in scenes beyond the thesis and with 27 objects, on both paths.
 
     Rows are `scene/path/controller/score`, their worst, and those of sets of objects. A quick run
     has the truth path, two scenes through the camera, and no sets. Unless controllers are chosen,

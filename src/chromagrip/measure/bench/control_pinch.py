@@ -109,7 +109,7 @@ def mass_of(thing: int) -> float:
 
 @study("bench", "control", worlds=("pinch",), method="controller")
 def pinch_study(asked: Asked) -> Study[LiftRun, Outcome | str]:
-    """Controllers of two fingers that lift objects, beside the constant grip that holds them.
+    """Controllers of two fingers that lift objects, next to the constant grip that holds them.
 
     Rows are `SCENE/PATH/CONTROLLER/score`. A quick run has three objects on the truth path, without
     the other scenes.

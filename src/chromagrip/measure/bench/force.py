@@ -134,6 +134,7 @@ class Speed(NamedTuple):
     method="reconstructor",
     parts=tuple(GROUPS),
     of_parts="group",
+    example="--group roll --quick",
 )
 def force_study(asked: Asked) -> Study[GraspTask | Speed, Measured | Times]:
     """Reconstructors on the chain's pictures: matched, mismatched, and beyond their training.

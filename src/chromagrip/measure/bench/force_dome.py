@@ -80,7 +80,7 @@ def _bounds(design: str, kind: str) -> dict[str, Bounds]:
     of_parts="group",
 )
 def dome_study(asked: Asked) -> Study[DomeTask, DomeResult]:
-    """Estimators on pictures of domes of silicone, on scenes of which the chain made none.
+    """Reconstructors on pictures of domes of silicone, made without the chain.
 
     Rows are `dome/DESIGN/SET/score`. Those of another estimator than `contact` have its name before
     the score, as has the constant answer. Rows of all worlds are

@@ -28,7 +28,7 @@ class LoopRun(NamedTuple):
 
 @study("bench", "loop", method="controller")
 def loop_study(asked: Asked) -> Study[LoopRun, tuple[Row, ...]]:
-    """The thesis's experiment in the closed loop: margins and slips on both paths.
+    """Experiment of the thesis in the closed loop: safety margins and slips on both paths.
 
     A quick run leaves out the 1000 Hz run through the camera and the mesh renderer. Controllers
     that are chosen are run in the same scenes.

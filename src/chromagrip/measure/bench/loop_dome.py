@@ -109,7 +109,7 @@ UNITS = {
 
 @study("bench", "loop", worlds=("dome",), method="controller")
 def dome_loop_study(asked: Asked) -> Study[DomeGripRun, GripOutcome | str]:
-    """Built domes in the closed loop with the 27 objects: what is lost, and how Γ ends.
+    """Built domes in the closed loop with 27 objects: lost objects, and Γ at the end.
 
     Rows are `SET/score`, and `SET, CONTROLLER/score` of another controller than the scene's. A
     quick run has one object and one seed.

@@ -104,9 +104,16 @@ class TrackPart(NamedTuple):
     frames: int = FRAMES
 
 
-@study("bench", "track", method="tracker", parts=tuple(SCENES), of_parts="scene")
+@study(
+    "bench",
+    "track",
+    method="tracker",
+    parts=tuple(SCENES),
+    of_parts="scene",
+    example="--tracker lk --scene clean --quick",
+)
 def track_study(asked: Asked) -> Study[TrackPart, tuple[Row, ...]]:
-    """Every tracker in every scene, as multiples of the physical limit.
+    """Errors of every tracker in every scene, as multiples of the physical limit.
 
     Rows are `scene/tracker/score`, and the speed and the bound itself. A quick run has fewer
     frames, only scenes with a target, and in most of them only the default. Codecs and the long

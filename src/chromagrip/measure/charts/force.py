@@ -25,7 +25,7 @@ _QUICK_TURNS = 3
 _ERRORS = {"normal_rms": "ΣFn, RMS error [%]", "margin_rms": "Γ, RMS error"}
 
 
-@study("chart", "force", method="reconstructor")
+@study("chart", "force", method="reconstructor", example="--reconstructor sequential --quick")
 def force_chart(asked: Asked) -> Study[GraspTask | Speed, Measured | Times]:
     """Time per field of each reconstructor against its error, on the chain's matched library.
 

@@ -65,7 +65,7 @@ class ChainLimit(BodyLimit):
             "object.radius_mm": case.radius_mm,
             "object.stiffness_kpa": case.stiffness_kpa,
         }
-        scene = load_scene(changes=changes)
+        scene = load_scene("camera-100hz", changes)
         with located(f"sensor {name}"):
             return cls(
                 design=scene.build_sensor(),

@@ -11,7 +11,7 @@ from ...errors import UserError
 from ...extras import need
 from ...folders import whole_file
 from ...loop.columns import columns_of
-from ...loop.results.run_folder import read_trace
+from ...loop.results.trace_file import read_trace
 from ...loop.run import run
 from ...loop.trace import Trace
 from ...model import ContactObject

@@ -53,9 +53,9 @@ def truths(
 ) -> Iterator[Named]:
     """Truths that a file or folder of tracks has something of.
 
-    A folder of tracks has a file, or a folder with `tracks.parquet`, for each sequence of a
-    dataset, named like it. A single file is of the sequence whose folder is given as the truth, or
-    of the one that it is named after, or of a dataset's only one.
+    A folder of tracks has a file, or a folder with `tracks.parquet` (or .csv), for each sequence
+    of a dataset, named like it. A single file is of the sequence whose folder is given as the
+    truth, or of the one that it is named after, or of a dataset's only one.
 
     Parameters
     ----------
@@ -130,7 +130,8 @@ def _tracks_of(folder: Path, name: str, alone: bool, follow_links: bool) -> Path
     if not folder.is_dir():
         raise UserError(f"there is no {folder}; wanted: a file or a folder of tracks")
     choices = [f"{name}{suffix}" for suffix in SUFFIXES]
-    choices += [f"{name}/tracks.parquet", *(["tracks.parquet"] if alone else [])]
+    for folder_name in (f"{name}/", *[""] * alone):
+        choices += [f"{folder_name}tracks{suffix}" for suffix in SUFFIXES]
     paths = (inside(folder, choice, follow_links) for choice in choices)
     return next((path for path in paths if path.is_file()), None)
 

@@ -152,7 +152,7 @@ class ForceCell:
 def force_map(asked: Asked) -> Study[ForceCondition, list[ForceCell]]:
     """Reconstructors on pictures of domes over one condition at a time.
 
-    Those that are chosen are shown beside ours. A quick map has a few values of two conditions, of
+    Chosen ones are shown next to ours. A quick map has a few values of two conditions, of
     one design.
     """
     own = asked.chosen((), load_reconstructor)

@@ -32,12 +32,11 @@ class Disturbance(NamedTuple):
 Found = LoopCell | float
 
 
-@study("stability", "loop", method="controller")
+@study("stability", "loop", method="controller", example="--world dome --quick")
 def loop_map(asked: Asked) -> Study[LoopSetting | Disturbance, Found]:
     """Closed loop of the chain over rates, gains, loads, noise and objects, with predictions.
 
-    Controllers that are chosen have panels of their own beside ours. A quick map has a few cells of
-    each.
+    Chosen controllers have panels of their own next to ours. A quick map has a few cells of each.
     """
     plan = maps(asked.quick, controllers_of(asked, "camera-100hz", ()))
     disturbed = [

@@ -160,7 +160,7 @@ class TrackCell:
     note: str
 
 
-@study("stability", "track", method="tracker")
+@study("stability", "track", method="tracker", example="--tracker lk --quick")
 def track_map(asked: Asked) -> Study[TrackCondition, list[TrackCell]]:
     """Trackers over one condition at a time, until markers are lost.
 

@@ -20,7 +20,7 @@ from .predicted import linear, slowest_rate
 def dome_map(asked: Asked) -> Study[GripSetting, GripCell]:
     """Grips of one dome under a load over camera rate and latency, on the truth path.
 
-    Controllers that are chosen have panels of their own beside ours. A quick map has a few cells.
+    Chosen controllers have panels of their own next to ours. A quick map has a few cells.
     """
     return _grip_map("dome", asked)
 
@@ -29,7 +29,7 @@ def dome_map(asked: Asked) -> Study[GripSetting, GripCell]:
 def pinch_map(asked: Asked) -> Study[GripSetting, GripCell]:
     """Grips of two fingers over rate, latency, mass, friction and offset, on the truth path.
 
-    Controllers that are chosen have panels of their own beside ours. A quick map has a few cells.
+    Chosen controllers have panels of their own next to ours. A quick map has a few cells.
     """
     return _grip_map("pinch", asked)
 

@@ -1,0 +1,87 @@
+"""Error of Γ to be expected of a sensor and its reader, from runs and limits measured before."""
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from statistics import median
+from typing import TypedDict
+
+from ...output.cells import read_cells
+from ...scene.scene import Body, Scene
+from ..fidelity import TABLE, read
+
+#: Smallest errors of Γ by design; `./run bench limits` of the checkout makes it.
+LIMITS = Path(str(files(__package__) / "picture_limits.csv"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureLimit:
+    """Smallest standard deviation of Γ that one picture of a design allows at Γ = 0.3.
+
+    Attributes
+    ----------
+    body: body of the fingertip
+    sensor: name of the design
+    noise: by the noise of the camera alone
+    with_misfit: with the misfit between real contacts and those that the reader fits
+    """
+
+    body: str
+    sensor: str
+    noise: float
+    with_misfit: float
+
+
+class ExpectedError(TypedDict):
+    """Error of Γ to be expected, part of a summary.
+
+    `typical` and `worst` are RMS errors of `situations` measured runs at `rate_hz`; None where
+    this sensor and reader were not measured. `picture_allows` is the smallest error that one
+    picture allows; None where it is unknown.
+    """
+
+    typical: float | None
+    worst: float | None
+    situations: int
+    rate_hz: float | None
+    picture_allows: float | None
+
+
+def expected_error(scene: Scene, reconstructor: str) -> ExpectedError:
+    """Error of Γ to be expected of a scene that is read through its camera.
+
+    Parameters
+    ----------
+    scene: scene with the names of its sensor and tracker
+    reconstructor: name of the reconstructor in use
+    """
+    name = scene.sensor
+    alike = [
+        one
+        for one in read(TABLE)
+        if (one.sensor, one.fingers, one.scene_body) == (name, scene.fingers, scene.body)
+        and (one.tracker, one.reconstructor) == (scene.tracker, reconstructor)
+    ]
+    errors = [one.seen for one in alike]
+    body: Body = scene.body
+    limits = {(one.body, one.sensor): one for one in read_cells(LIMITS, PictureLimit)}
+    limit = limits.get((body, name))
+    return {
+        "typical": median(errors) if errors else None,
+        "worst": max(errors) if errors else None,
+        "situations": len(errors),
+        "rate_hz": alike[0].rate_hz if alike else None,
+        "picture_allows": None if limit is None else limit.with_misfit,
+    }
+
+
+def expected_words(expected: ExpectedError) -> str:
+    """Describe it in words."""
+    allowed = expected["picture_allows"]
+    best = "" if allowed is None else f"; one picture allows {allowed:.3f} at best"
+    if expected["typical"] is None:
+        return f"not measured for this sensor and reader{best}"
+    return (
+        f"{expected['typical']:.3f} RMS in the median, {expected['worst']:.3f} at worst, of "
+        f"{expected['situations']} runs measured at {expected['rate_hz']:g} Hz{best}"
+    )

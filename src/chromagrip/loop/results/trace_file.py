@@ -1,0 +1,138 @@
+"""The file of a trace: a Parquet table, or a NumPy file without the extra `data`.
+
+It may be a stranger's: it is checked before it is decoded.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import UserError
+from ...extras import need
+from ...strange_files import array_headers, array_names, read_arrays, shortened
+
+Array = NDArray[np.float64]
+
+#: Names of the file in a run folder; if both are there, the first one counts.
+TRACES = ("trace.parquet", "trace.npz")
+#: Largest number of rows that is read.
+MOST_ROWS = 2_000_000
+#: Largest value of a column.
+LARGEST = 1e12
+#: What mends a damaged run folder.
+MEND = "take a whole copy of the folder, or run its scene again"
+
+
+def write_trace(path: Path, columns: Mapping[str, Array], meanings: Mapping[str, str]) -> None:
+    """Write a trace; errors of the disk are an `OSError`.
+
+    Parameters
+    ----------
+    path: path of the file; its suffix is that of one of TRACES
+    columns: columns by name
+    meanings: meaning of each column that is written; a Parquet table holds it
+    """
+    if path.suffix == ".npz":
+        np.savez(path, allow_pickle=False, **{name: columns[name] for name in meanings})
+        return
+    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
+    table = pa.table({name: pa.array(columns[name]) for name in meanings})
+    encoded = {name: text.encode() for name, text in meanings.items()}
+    pq.write_table(table.replace_schema_metadata(encoded), path)
+
+
+def read_trace(
+    path: Path, names: list[str], later: tuple[str, ...] = (), max_rows: int = MOST_ROWS
+) -> dict[str, Array]:
+    """Read columns of a trace.
+
+    Parameters
+    ----------
+    path: path of a Parquet table, or of a NumPy file with an array for each column
+    names: names of the columns
+    later: endings of the names of columns that may be missing
+    max_rows: largest number of rows, checked before they are read
+
+    Raises
+    ------
+    UserError
+        When it cannot be read, lacks a column, or has values that no trace has.
+    """
+    read = _read_parquet if path.suffix == ".parquet" else _read_npz
+    columns = read(path, names, later, max_rows)
+    _check_values(path, columns)
+    return columns
+
+
+def _read_parquet(
+    path: Path, names: list[str], later: tuple[str, ...], max_rows: int
+) -> dict[str, Array]:
+    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
+    try:
+        with pq.ParquetFile(path) as file:
+            schema = file.schema_arrow
+            _check_rows(path, file.metadata.num_rows, max_rows)
+            there = _there(path, names, later, schema.names)
+            _check_kinds(path, {name: str(schema.field(name).type) for name in there})
+            table = file.read(columns=there)
+        return {name: table[name].cast("float64").to_numpy() for name in table.column_names}
+    except (OSError, ValueError, pa.ArrowException) as error:
+        if isinstance(error, UserError):
+            raise
+        reason = shortened(str(error).split("\n")[0], 200)
+        raise UserError(f"{path} cannot be read as a trace: {reason}; {MEND}") from None
+
+
+def _read_npz(
+    path: Path, names: list[str], later: tuple[str, ...], max_rows: int
+) -> dict[str, Array]:
+    there = _there(path, names, later, array_names(path))
+    headers = array_headers(path, there)
+    shapes = {shape for shape, _ in headers.values()}
+    if any(len(shape) != 1 for shape in shapes) or len(shapes) != 1:
+        raise UserError(f"{path} has columns of different lengths; {MEND}")
+    _check_rows(path, min(shapes)[0], max_rows)
+    _check_kinds(path, {name: str(kind) for name, (_, kind) in headers.items()})
+    columns = read_arrays(path, there, max_rows)
+    return {name: columns[name].astype(float) for name in there}
+
+
+def _there(path: Path, names: list[str], later: tuple[str, ...], found: list[str]) -> list[str]:
+    """Those of some columns that a table has; refuses one that is missing, or there twice."""
+    there = [name for name in names if name in found or not name.endswith(later)]
+    for name in sorted(there):
+        count = found.count(name)
+        if count != 1:
+            wrong = "no column" if count == 0 else f"{count} columns"
+            raise UserError(f"{path} has {wrong} {name}; {MEND}")
+    return there
+
+
+def _check_rows(path: Path, rows: int, most: int) -> None:
+    if not 0 < rows <= most:
+        allowed = f"a run has 1 to {most}; for more give --max-rows N"
+        raise UserError(f"{path} has {rows} rows; {allowed}")
+
+
+def _check_kinds(path: Path, kinds: Mapping[str, str]) -> None:
+    """Refuse columns that hold no numbers, before they are decoded."""
+    for name, kind in kinds.items():
+        if not kind.startswith(("double", "float", "halffloat", "int", "uint")):
+            raise UserError(f"{path}: column {name} holds {shortened(kind)}, not numbers; {MEND}")
+
+
+def _check_values(path: Path, columns: Mapping[str, Array]) -> None:
+    """Refuse times that do not rise, and values that no run has."""
+    time, latest = columns["time_s"], 1e6  # [s]
+    if not (np.isfinite(time).all() and time[0] >= 0.0 and time[-1] <= latest):
+        raise UserError(f"{path}: column time_s must hold times of 0 to {latest:g} s; {MEND}")
+    late = np.flatnonzero(np.diff(time) <= 0.0)
+    if len(late):
+        raise UserError(f"{path}: column time_s does not rise at row {late[0] + 1}; {MEND}")
+    for name, values in columns.items():
+        wrong = np.flatnonzero(np.isfinite(values) & (abs(values) > LARGEST))
+        if len(wrong):
+            place = f"column {name} is {values[wrong[0]]:g} at row {wrong[0]}"
+            raise UserError(f"{path}: {place}, allowed is at most {LARGEST:g}; {MEND}")
