@@ -210,10 +210,6 @@ def without_extras(folder: Path, *commands: Sequence[str]) -> list[CompletedProc
 
 #: Refusals of commands that need an extra.
 REFUSED = {
-    ("grasp", "--out", "new"): (
-        "writing a run folder needs the extras `data` and `video`: "
-        "pip install 'chromagrip[data,video]'"
-    ),
     ("grasp", "--log", "mcap", "--out", "new"): (
         "writing a run as an MCAP log needs the extra `ros`: pip install 'chromagrip[ros]'"
     ),
@@ -328,10 +324,12 @@ def test_a_wheel_alone_grasps_with_the_base_only(wheel: Path, tmp_path: Path) ->
     again = run("grasp", "--json", "--path", "truth")
     assert json.loads(again.stdout)["path"] == "truth"
     assert again.stderr.strip() == ""
-    refused = run("grasp")
-    assert refused.returncode == 2
-    assert refused.stderr.strip().count("\n") == 0
-    assert "pip install 'chromagrip[data,video]'" in refused.stderr
+    told = run("grasp", "--path", "truth", "--out", "run")
+    assert told.returncode == 0
+    trace, video = told.stderr.splitlines()
+    assert "pip install 'chromagrip[data]'" in trace
+    assert "pip install 'chromagrip[video]'" in video
+    assert run("report", "run").returncode == 0
     assert run("doctor").returncode == 0
 
 

@@ -209,12 +209,14 @@ def test_a_command_says_what_it_trains_before_it_begins(
     trainer: Trainer, typed: Typed, no_kept: Path
 ) -> None:
     """The stand-in learns nothing, so that the run that follows refuses its file."""
-    words = ["grasp", "--set", "sensor=fovea", "--set", "duration_s=0.05", "--json"]
+    changes = ["--set", "sensor=fovea", "--set", "duration_s=0.05"]
+    words = ["grasp", "camera-100hz", *changes, "--json"]
     done = typed(*words)
-    first, second = done.stderr.splitlines()
+    first, hint, second = done.stderr.splitlines()
     assert first.startswith("chromagrip: sensor fovea has no read-out yet: training one on ")
     assert str(kept_path(load_sensor("fovea"))) in first
     assert "minutes" in first
+    assert "--body dome" in hint
     assert second.endswith("is not a trained read-out")
     assert len(trainer.known) == 1
     done = typed(*words)
@@ -227,7 +229,7 @@ def test_what_needs_no_read_out_trains_none(
     words: list[str], trainer: Trainer, typed: Typed
 ) -> None:
     changes = ["--set", "sensor=fovea", "--set", "duration_s=0.02"]
-    done = typed("grasp", *changes, *words, "--json")
+    done = typed("grasp", "camera-100hz", *changes, *words, "--json")
     assert done.returncode == 0, done.stderr
     assert trainer.known == []
     summary = json.loads(done.stdout)

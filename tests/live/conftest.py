@@ -1,8 +1,7 @@
 """What tests of the live page share."""
 
 import socket
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,21 +32,6 @@ def viser_server(port: int) -> Iterator[Any]:
 
     with serving(Address(port=port)) as server:
         yield server
-
-
-@pytest.fixture
-def until() -> Callable[..., None]:
-    """Waits for a condition."""
-
-    def wait(condition: Callable[[], object], seconds: float = 60.0) -> None:
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            if condition():
-                return
-            time.sleep(0.05)
-        raise AssertionError("it did not come to this")
-
-    return wait
 
 
 @pytest.fixture(scope="session")

@@ -83,12 +83,16 @@ def prepare_scene(scene: "Scene", pictures: bool) -> None:
     pictures: whether pictures of it are drawn
     """
     from ..loop.methods import reconstructor_for
+    from ..scene.controllers import CONTROLLERS
     from ..sensing.reader import known_sensor
 
+    CONTROLLERS.load(scene.controller)  # what is typed wrong is refused before tables are solved
+    with located(f"sensor {scene.sensor}"):
+        read = scene.path == "camera"
+        name = reconstructor_for(scene.body, scene.reconstructor) if read else ""
     make_dome_tables(scene, pictures)
-    if scene.path == "camera" and not scene.build_sensor().shape.flat:
+    if read and not scene.build_sensor().shape.flat:
         with located(f"sensor {scene.sensor}"):
-            name = reconstructor_for(scene.body, scene.reconstructor)
             train_if_missing(known_sensor(scene), name)
 
 

@@ -27,8 +27,8 @@ def print_summary(result: "Result") -> None:
     rows = {"chain": _rows_of_one, "dome": _rows_of_one, "pinch": _rows_of_two}
     for name, words in rows[summary["mechanics"]](summary, number):
         table.add_row(name, words)
-    if summary["margin_error_expected"] is not None:
-        table.add_row("error to expect", expected_words(summary["margin_error_expected"]))
+    if (expected := summary.get("margin_error_expected")) is not None:
+        table.add_row("error to expect", expected_words(expected))
     table.add_row("speed", f"{number('frames_per_second', 1)} frames/s")
     if result.folder is not None:
         table.add_row("folder", str(result.folder))
