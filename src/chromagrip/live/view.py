@@ -37,8 +37,11 @@ _EYE = np.array([0.75, -1.0, 1.6])
 _CONTACT = np.array([0.0, 0.0, 0.9])
 
 
-def _raise_contact(client: "viser.ClientHandle") -> None:
-    """Move the contact up in a narrow window, whose lower part is covered by the panel."""
+async def _raise_contact(client: "viser.ClientHandle") -> None:
+    """Move the contact up in a narrow window, whose lower part is covered by the panel.
+
+    A coroutine, as the client cannot leave while it runs.
+    """
     narrow = 700  # width below which the panel covers the lower part of the view [px]
     if client.camera.image_width < narrow:
         farther, lower = 1.5 * (_EYE - _CONTACT), _CONTACT - (0.0, 0.0, 0.8)
