@@ -62,7 +62,16 @@ def names(folder: Path) -> set[str]:
 def test_a_grasp_leaves_a_run_that_our_readers_read(
     typed: Typed, without: Callable[[], None], tmp_path: Path
 ) -> None:
-    words = ("grasp", "--path", "truth", "--set", "duration_s=0.1", "--json", "--out")
+    words = (
+        "grasp",
+        "camera-100hz",
+        "--path",
+        "truth",
+        "--set",
+        "duration_s=0.1",
+        "--json",
+        "--out",
+    )
     assert typed(*words, "whole").stderr == ""
     whole = read_run(tmp_path / "whole")
     without()
@@ -88,7 +97,17 @@ def test_a_grasp_leaves_a_run_that_our_readers_read(
 def test_a_folder_that_is_run_again_has_one_trace(
     typed: Typed, without: Callable[[], None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    words = ("grasp", "--path", "truth", "--set", "duration_s=0.05", "--out", "run", "--overwrite")
+    words = (
+        "grasp",
+        "camera-100hz",
+        "--path",
+        "truth",
+        "--set",
+        "duration_s=0.05",
+        "--out",
+        "run",
+        "--overwrite",
+    )
     assert typed(*words).returncode == 0
     with monkeypatch.context() as absent:
         for module in ("pyarrow", "av"):
