@@ -153,7 +153,10 @@ def test_from_the_command_line(
             ["grasp", "thesis", "--set", "sensor=flat-2019", "--json"],
             "is a flat pad; the node model",
         ),
-        (["grasp", "--set", "defects.missing_markers=0.6", "--json"], "the sensor has 400"),
+        (
+            ["grasp", "camera-100hz", "--set", "defects.missing_markers=0.6", "--json"],
+            "the sensor has 400",
+        ),
         (["calibrate", "camera", "nowhere"], "image nowhere cannot be read"),
     ],
 )
