@@ -41,10 +41,11 @@ def _start() -> int | None:
     if problem is not None:
         raise UserError(problem)
     found = opencv.problem()
-    if found is not None and opencv.loaded_version() is None:
-        raise UserError(f"{found[0]}; to mend it: {found[1]}")
-    if (notice := opencv.notice()) is not None:
-        print(f"chromagrip: {notice}", file=sys.stderr, flush=True)
+    if found is not None:
+        if opencv.loaded_version() is None:
+            raise UserError(f"{found[0]}; to mend it: {found[1]}")
+        if (notice := opencv.notice(found)) is not None:
+            print(f"chromagrip: {notice}", file=sys.stderr, flush=True)
     gc.disable()  # what is imported is no garbage: to look for some takes 0.1 s
     try:
         from .cli.app import run

@@ -5,7 +5,6 @@ the old machine code would run. Here a kernel is compiled again only when code t
 changes.
 """
 
-import errno
 import os
 import pickle
 import shutil
@@ -25,6 +24,7 @@ from numba.core import event as events
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
+from .folders import lock_file
 from .kernel_key import UnreadableError, kernel_key, signature_key
 from .user_cache import user_cache
 
@@ -110,7 +110,7 @@ class _Cache:
             lock = os.open(path.with_suffix(".lock"), os.O_CREAT | os.O_RDWR, 0o644)
         except OSError:
             return False
-        while not _lock(lock):
+        while lock_file(lock) is False:
             waited = True
             if time.monotonic() > end:
                 os.close(lock)
@@ -167,19 +167,6 @@ class _Cache:
 
     def _warn(self, reason: object) -> None:
         warnings.warn(f"{self.name} is compiled at each start: {reason}", stacklevel=3)
-
-
-def _lock(file: int) -> bool:
-    """Lock an open file, unless another process has; always True on systems without such locks."""
-    if sys.platform == "win32":
-        return True
-    import fcntl
-
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        return error.errno not in (errno.EWOULDBLOCK, errno.EACCES)
-    return True
 
 
 def _places(folder: Path) -> list[Path]:

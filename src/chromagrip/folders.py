@@ -294,23 +294,33 @@ def filling(folder: Path, *, wait: bool = False) -> Iterator[None]:
         os.close(handle)
 
 
+def lock_file(handle: int, wait: bool = False) -> bool | None:
+    """Lock an open file; False if another process holds it, None if there are no such locks."""
+    try:
+        import fcntl
+
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except BlockingIOError:
+        return False
+    except (ImportError, OSError):
+        return None
+    return True
+
+
 def _locked(folder: Path, wait: bool) -> int:
     """Open the file that locks a folder; returns its descriptor."""
     path = folder / LOCK
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
-        try:
-            import fcntl
-
-            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except BlockingIOError:
+        held = lock_file(handle, wait)
+        if held is None:
+            return handle
+        if not held:
             who = os.read(handle, 200).decode(errors="replace").strip() or "another run"
             os.close(handle)
             raise UserError(
                 f"folder {folder} is being filled by {who}; choose another, or wait until it ends"
-            ) from None
-        except (ImportError, OSError):
-            return handle
+            )
         with suppress(FileNotFoundError):
             if path.stat().st_ino == os.fstat(handle).st_ino:
                 os.ftruncate(handle, 0)

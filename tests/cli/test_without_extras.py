@@ -25,6 +25,8 @@ from chromagrip.output.parquet import FORCES
 from chromagrip.output.pictures import open_source
 
 Typed = Callable[..., CompletedProcess[str]]
+#: A grasp that needs no tables, with one change to follow.
+GRASP = ("grasp", "camera-100hz", "--path", "truth", "--set")
 #: Files that a folder has with the extras alone.
 PARTED = {"trace.parquet", "tactile.mp4", "tracks.parquet", "estimates.parquet", "overlay.mp4"}
 
@@ -62,16 +64,7 @@ def names(folder: Path) -> set[str]:
 def test_a_grasp_leaves_a_run_that_our_readers_read(
     typed: Typed, without: Callable[[], None], tmp_path: Path
 ) -> None:
-    words = (
-        "grasp",
-        "camera-100hz",
-        "--path",
-        "truth",
-        "--set",
-        "duration_s=0.1",
-        "--json",
-        "--out",
-    )
+    words = (*GRASP, "duration_s=0.1", "--json", "--out")
     assert typed(*words, "whole").stderr == ""
     whole = read_run(tmp_path / "whole")
     without()
@@ -97,17 +90,7 @@ def test_a_grasp_leaves_a_run_that_our_readers_read(
 def test_a_folder_that_is_run_again_has_one_trace(
     typed: Typed, without: Callable[[], None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    words = (
-        "grasp",
-        "camera-100hz",
-        "--path",
-        "truth",
-        "--set",
-        "duration_s=0.05",
-        "--out",
-        "run",
-        "--overwrite",
-    )
+    words = (*GRASP, "duration_s=0.05", "--out", "run", "--overwrite")
     assert typed(*words).returncode == 0
     with monkeypatch.context() as absent:
         for module in ("pyarrow", "av"):

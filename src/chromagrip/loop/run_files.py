@@ -18,7 +18,7 @@ from ..output.logs.write import LOG_FILES, LogFormat, write_logs
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene
 from .columns import Rows, prefixes
-from .results.trace_file import TRACES, write_trace
+from .results.trace_file import TRACES, VIDEO, write_trace
 from .rig import Rig
 from .sample import Sample
 from .trace import Summary, Trace, TraceLines
@@ -27,13 +27,12 @@ if TYPE_CHECKING:
     from .pinch.video import PinchVideo
     from .results.tactile_video import TactileVideo
 
-_VIDEO = "tactile.mp4"
 #: Files of a run folder where no extra is missing, see `files_lacking`.
 FILES = (
     "summary.json",
     TRACES[0],
     "figure.png",
-    _VIDEO,
+    VIDEO,
     "scene.toml",
     "report.html",
 )
@@ -210,7 +209,7 @@ def _open_video(folder: Path, scene: Scene) -> "TactileVideo | PinchVideo":
     from .results.tactile_video import TactileVideo
 
     kinds: dict[int, type[TactileVideo | PinchVideo]] = {1: TactileVideo, 2: PinchVideo}
-    return kinds[scene.fingers](folder / _VIDEO, scene)
+    return kinds[scene.fingers](folder / VIDEO, scene)
 
 
 def files_lacking(drawn: bool = True) -> list[str]:
@@ -220,7 +219,7 @@ def files_lacking(drawn: bool = True) -> list[str]:
     ----------
     drawn: see `RunFiles`
     """
-    return lacking(TRACES[1], _VIDEO if drawn else "")
+    return lacking(TRACES[1], VIDEO if drawn else "")
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary, drawn: bool) -> None:

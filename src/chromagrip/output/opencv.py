@@ -55,11 +55,8 @@ def problem() -> tuple[str, str] | None:
     return None
 
 
-def notice() -> str | None:
-    """Sentence about an overwritten OpenCV, once for each that is found; else None."""
-    found = problem()
-    if found is None:
-        return None
+def notice(found: tuple[str, str]) -> str | None:
+    """Sentence about an overwritten OpenCV, once for each `problem` that is found; else None."""
     digest = sha256(found[0].encode()).hexdigest()[:16]
     mark = user_cache() / f"opencv-{digest}"
     try:

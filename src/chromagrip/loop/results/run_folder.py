@@ -21,14 +21,12 @@ from ...strange_files import inside
 from ..columns import columns_of
 from ..trace import Summary
 from .expected_error import ExpectedError
-from .trace_file import LARGEST, MEND, MOST_ROWS, TRACES, read_trace
+from .trace_file import LARGEST, MEND, MOST_ROWS, TRACES, VIDEO, read_trace
 
 Array = NDArray[np.float64]
 
 #: Files that a finished run has, beside one of TRACES.
 NEEDED = ("summary.json", "scene.toml")
-#: Video that it may have.
-VIDEO = "tactile.mp4"
 #: Largest text that is read whole [bytes].
 LARGEST_TEXT = 2**24
 #: Largest video or picture that is read whole [bytes].

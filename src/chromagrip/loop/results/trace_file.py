@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 #: Names of the file in a run folder; if both are there, the first one counts.
 TRACES = ("trace.parquet", "trace.npz")
+#: Name of the video beside it, which a run may lack.
+VIDEO = "tactile.mp4"
 #: Largest number of rows that is read.
 MOST_ROWS = 2_000_000
 #: Largest value of a column.
