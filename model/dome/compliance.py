@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...kept_arrays import content_key, keep, kept
+from ...kept_arrays import content_key, kept_or_made
 from ..kernels.dome.compliance_kernels import SkinCompliance
 from .dome import Dome, Pad, SoftBody, lattice
 from .elements import half_solved, loads, mesh
@@ -59,10 +59,7 @@ def _kept_table(dome: Dome, progress: Callable[[int, int], None]) -> Table:
     version = "dome compliance 2"
     key = content_key(version, np.array(_shape(dome)), np.array(lattice(dome).angles))
     kind = "domes"  # folder of the user's cache; its tables are made anew when the version changes
-    found = kept(kind, key)
-    if found is None:
-        found = {"table": make_table(dome, progress)}
-        keep(kind, key, found)
+    found = kept_or_made(kind, key, lambda: {"table": make_table(dome, progress)})
     return np.asarray(found["table"], np.float32)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ...kept_arrays import content_key, keep, kept
+from ...kept_arrays import content_key, kept_or_made
 from ..kernels.dome.inside_kernels import add_columns, fill_column, fill_skin_columns
 from .compliance import WIDTH, compliance_scale, nothing, skin_compliance
 from .dome import Dome, Pad, SoftBody, lattice
@@ -64,11 +64,12 @@ def _inside_table(
     version = "inside a dome 2"
     key = content_key(version, np.array(shape), np.array([depth]))
     kind = "domes"  # folder of the user's cache; its tables are made anew when the version changes
-    found = kept(kind, key)
-    if found is None:
+
+    def make() -> dict[str, NDArray[np.generic]]:
         stations, waves = make_waves(core, poisson, width, angles, depth, progress)
-        found = {"stations": stations, "waves": waves}
-        keep(kind, key, found)
+        return {"stations": stations, "waves": waves}
+
+    found = kept_or_made(kind, key, make)
     for array in found.values():
         array.setflags(write=False)
     return np.asarray(found["stations"], np.float64), np.asarray(found["waves"], np.float32)

@@ -1,6 +1,7 @@
 """The shape of an object: its signed distance, and how far it reaches down when it is turned."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +42,13 @@ class Shape:
     bounds: Array
     corners: Array
     notes: tuple[str, ...] = ()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make a copy whose arrays cannot be written either: kernels compile for both kinds."""
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+        self.__dict__.update(state)
 
     def reach_down(self, rotation: ArrayLike | None = None) -> float:
         """How far the turned shape reaches below its origin, as `reach_down`."""

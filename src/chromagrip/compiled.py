@@ -30,6 +30,8 @@ from .user_cache import user_cache
 
 #: Cache folder of each folder with kernels; None if no folder can be written.
 _homes: dict[Path, Path | None] = {}
+#: Files of the kernels that this process has compiled.
+_compiled_here: set[Path] = set()
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -150,6 +152,7 @@ class _Cache:
             _clean(self.home)
             part.write_bytes(dumps((signature, result._reduce())))
             os.replace(part, path)
+            _compiled_here.add(path)
         except OSError:
             part.unlink(missing_ok=True)
 
@@ -229,10 +232,10 @@ events.register("numba:compile", _clock)
 
 
 def cold() -> bool:
-    """Return True if hardly a kernel is cached, so that nearly all will be compiled."""
-    few = 5  # kernels that loading a scene compiles, at most
+    """Return True if no kernel was cached when this process began."""
     homes = {home for home in _homes.values() if home is not None}
-    return bool(homes) and sum(1 for home in homes for _ in home.glob("*.nbc")) < few
+    cached = {path for home in homes for path in home.glob("*.nbc")}
+    return bool(homes) and cached <= _compiled_here
 
 
 def compile_seconds() -> float:

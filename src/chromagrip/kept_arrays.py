@@ -5,11 +5,14 @@ import hashlib
 import os
 import tempfile
 import zipfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
+from .folders import lock_file
 from .user_cache import user_cache
 
 #: Arrays of a kept file, by name.
@@ -63,6 +66,31 @@ def keep(kind: str, key: str, arrays: Arrays) -> None:
             Path(unfinished).unlink(missing_ok=True)
         for old in sorted(folder.glob("*.npz"), key=_used)[:-MOST]:
             old.unlink(missing_ok=True)
+
+
+def kept_or_made(kind: str, key: str, make: Callable[[], Arrays]) -> Arrays:
+    """Load the arrays kept under a key, or make and keep them; other processes wait meanwhile."""
+    found = kept(kind, key)
+    if found is None:
+        with _alone(user_cache() / kind / f"{key}.lock"):
+            found = kept(kind, key)
+            if found is None:
+                # A dome's systems are small: on two threads they take twice as long.
+                with threadpool_limits(1):
+                    found = make()
+                keep(kind, key, found)
+    return found
+
+
+@contextlib.contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Hold a lock file, which is removed; no lock where the cache cannot be written."""
+    with contextlib.ExitStack() as held:
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            lock_file(held.enter_context(path.open("w")).fileno(), wait=True)
+            held.callback(path.unlink, missing_ok=True)
+        yield
 
 
 def _used(path: Path) -> float:

@@ -1,5 +1,8 @@
 """Signed distances of the shapes that are formulas, and how far each reaches down."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -121,8 +124,9 @@ def test_what_has_no_end_reaches_down_to_what_lies_below() -> None:
 
 def test_arrays_of_a_shape_cannot_be_written() -> None:
     shape = shapes.ball(5e-3)
-    for array in (shape.numbers, shape.grid, shape.origin, shape.bounds, shape.corners):
-        assert not array.flags.writeable
+    for each in (shape, copy.deepcopy(shape), pickle.loads(pickle.dumps(shape))):
+        for array in (each.numbers, each.grid, each.origin, each.bounds, each.corners):
+            assert not array.flags.writeable
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ Single = NDArray[np.float32]
 Index = NDArray[np.int64]
 
 #: No axis of a pose is free, and so none has inertia.
-_HELD, _NO_INERTIA, _NO_WRENCH = np.zeros(6, np.bool_), np.zeros((6, 6)), np.zeros(6)
+_HELD = np.zeros(6, np.bool_)
 
 
 @njit()
@@ -91,8 +91,10 @@ def solve_posed(
     pose = Pose(rotations[0], places[0], rotations[1], places[1])
     share, power = stiffening_by(law, thing.friction, areas, forces, friction)
     stiff = Stiffening(share, power, law[0])
+    # Made here: of another type than those of a step's own caller, they would be another kernel.
+    inertia, wrench = np.zeros((6, 6)), np.zeros(6)
     return solve_contact(
-        contact, thing, pose, stiff, 1.0, _HELD, _NO_INERTIA, _NO_WRENCH, tolerance, most_rounds,
+        contact, thing, pose, stiff, 1.0, _HELD, inertia, wrench, tolerance, most_rounds,
         warm, system, outcome,
     )[0]  # fmt: skip
 

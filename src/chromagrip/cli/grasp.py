@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
+import msgspec
 import tyro
 
 from ..compiled import cold
@@ -200,9 +201,7 @@ def grasp(
     from ..loop.run import run  # OpenCV loads only when something is run
     from ..loop.run_files import files_lacking
 
-    helped = cold() and source is None and resolved.path == "camera"
-    for finger in fingers(resolved):
-        prepare_scene(finger, pictures=out is not None or resolved.path == "camera")
+    helped = cold() and CORES > 1 and source is None and resolved.path == "camera"
     shared: dict[str, Any] = {
         "overwrite": overwrite,
         "log": logs,
@@ -210,6 +209,8 @@ def grasp(
     }
     counted = counting(f"{resolved.controller}, {resolved.path}", "frames")
     with _second_compiler(resolved) if helped else nullcontext(), counted as progress:
+        for finger in fingers(resolved):
+            prepare_scene(finger, pictures=out is not None or resolved.path == "camera")
         if source is not None:
             from ..outside.grasp import run_outside
 
@@ -225,19 +226,24 @@ def grasp(
     return 0
 
 
+#: Runs a scene twice: the mechanics first, then what reads markers.
+_SECOND_COMPILER = """
+import sys
+from chromagrip import load_scene, run
+for changes in {"path": "truth"}, {"tracker": "detect"}:
+    run(load_scene(sys.argv[1], {"controller": "conservative", **changes}))
+"""
+
+
 @contextmanager
 def _second_compiler(scene: Scene) -> Iterator[None]:
-    """Compile a scene's mechanics in a second process; this one begins with what reads pictures."""
-    if CORES < 2:
-        yield
-        return
+    """Compile a scene's mechanics in a second process; this one begins with its pictures."""
     with TemporaryDirectory() as folder:
         file = Path(folder) / "scene.toml"
-        file.write_text(dump_scene(scene, Path(folder)), encoding="utf-8")
-        short = f"duration_s={2.0 * scene.period}"
-        words = ["grasp", str(file), "--path", "truth", "--controller", "conservative"]
+        short = msgspec.structs.replace(scene, duration_s=2.0 * scene.period)
+        file.write_text(dump_scene(short, Path(folder)), encoding="utf-8")
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "chromagrip", *words, "--set", short, "--json"],
+            [sys.executable, "-P", "-c", _SECOND_COMPILER, str(file)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
