@@ -57,6 +57,16 @@ def test_lock_satisfies_pyproject(name: str) -> None:
         assert pin in requirement.specifier, f"{requirement}, but locked is {pin}: ./run lock"
 
 
+def test_readme_lists_what_is_needed_beside_another_opencv() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    needed = {Requirement(text).name for text in project["dependencies"]}
+    listed = re.search(
+        r"pip install --no-deps \.\npip install (.+)", (ROOT / "README.md").read_text()
+    )
+    assert listed is not None
+    assert set(listed[1].split()) == {name for name in needed if not name.startswith("opencv")}
+
+
 @pytest.mark.parametrize("name", ["run", "Makefile", ".ci/run"])
 def test_scripts_name_no_host_and_no_folder_of_one_machine(name: str) -> None:
     text = (ROOT / name).read_text()

@@ -93,13 +93,14 @@ def _read(trimesh: Any, path: Path) -> Any:
     """Mesh of a file, several bodies of it put together."""
     if not path.is_file():
         raise UserError("there is no such file")
+    kinds = sorted(trimesh.available_formats())
+    if path.suffix[1:].lower() not in kinds:
+        raise UserError(f"no mesh file ends in {path.suffix!r}; formats are {', '.join(kinds)}")
     try:
         with np.errstate(all="ignore"):  # absurd numbers are refused afterwards
             return trimesh.load(path, force="mesh")
     except Exception as error:  # each format has errors of its own
-        kinds = ", ".join(sorted(trimesh.available_formats()))
-        text = f"it cannot be read as a triangle mesh ({type(error).__name__}: {error})"
-        raise UserError(f"{text}; formats are {kinds}") from None
+        raise UserError(f"it cannot be read as a triangle mesh: {error}") from None
 
 
 def _check(vertices: Array, faces: NDArray[np.int64], scale: float) -> None:

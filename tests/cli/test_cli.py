@@ -20,7 +20,9 @@ from chromagrip.control import GripCommand
 from chromagrip.extras import EXTRAS
 from chromagrip.loop.run_files import FILES
 from chromagrip.measure.bench.control import SCENES
+from chromagrip.render import load_sensor
 from chromagrip.render.drawing.gl import gl_problem
+from chromagrip.tracking.forces import kept_path
 
 Typed = Callable[..., subprocess.CompletedProcess[str]]
 QUICK = ["--set", "duration_s=0.1"]
@@ -313,3 +315,19 @@ def test_a_reader_that_leaves_is_no_error_to_tell() -> None:
         os.close(write)
     assert done.returncode == 141
     assert done.stderr == ""
+
+
+def test_interrupted_trainings_are_found_and_removed(
+    typed: Typed, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    begun = kept_path(load_sensor("dome-2022"))
+    parts = begun.with_name(f"{begun.name}.parts")
+    parts.mkdir(parents=True)
+    (parts / "grips.npz").write_bytes(bytes(3_000_000))
+    listed = json.loads(typed("list", "readouts", "--json").stdout)
+    assert listed["dome-2022, training"].startswith(f"unfinished, 3 MB in {parts};")
+    removed = typed("list", "readouts", "--remove-unfinished", "--json")
+    assert removed.stderr == f"removed {parts}\n"
+    assert not parts.exists()
+    assert "dome-2022, training" not in json.loads(removed.stdout)

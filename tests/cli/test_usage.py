@@ -92,6 +92,19 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("grasp thesis --duration 0.2", "no option --duration (did you mean --set duration_s=…?)"),
         ("grasp thesis margin-60hz", "one word too many: margin-60hz after thesis"),
         ("sweep thesis", "one word too many: thesis after sweep (did you mean --scene thesis?)"),
+        (
+            "grasp --overwrite",
+            "--overwrite is for the folder of --out: give --out, or leave it out",
+        ),
+        (
+            "limit --overwrite",
+            "--overwrite is for the folder of --out: give --out, or leave it out",
+        ),
+        (
+            "sweep --vary object.friction=0.3,0.3",
+            "--vary object.friction=0.3,0.3: a value is given twice",
+        ),
+        (f"render --object {__file__} --press-mm 1", "no mesh file ends in '.py'; formats are "),
         ("dataset check a b", "one word too many: b after a"),
         ("dataset check a a", "one word too many: a after a"),
         ("grasp --allow mine.py", "--allow mine.py: expected a module, such as mine of a file"),

@@ -626,6 +626,10 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("detect dots.png --crop 9,9,300,90", "does not lie in the picture of 240×180 pixels"),
         ("detect dots.png --crop 0,0,240,20", "no regular marker pattern found in the picture"),
         ("detect dots.png --mask small.png", "mask small.png is 200×180 pixels, the picture 240"),
+        (
+            "detect dots.png --mask grey.png",
+            "mask grey.png is a picture, no mask: .* is neither bl",
+        ),
         ("detect dots.png --mask none.png", "picture none.png cannot be read"),
         ("detect dots.png --save-palette a.txt", "must end in .toml"),
         ("detect dots.png --palette nosuch", "no palette 'nosuch'; there is"),

@@ -263,8 +263,11 @@ def load_calibration(name: str) -> SensorCalibration:
     values = read_toml(Path(name), title)
     if "format" not in values and "skin" in values:  # a design
         return sensor_as_designed(name)
-    if values.get("format") != FORMAT:
-        raise UserError(f"{title} has format {values.get('format')!r}; wanted: {FORMAT!r}")
+    found = values.get("format")
+    if found is None:
+        raise UserError(f"{title} is no file of `chromagrip calibrate sensor`: it has no format")
+    if found != FORMAT:
+        raise UserError(f"{title} has format {found!r}; wanted: {FORMAT!r}")
     file = convert(values, _File, title)
     own = file.sensor.endswith(".toml")
     calibration = sensor_as_designed(str(folder / file.sensor) if own else file.sensor)

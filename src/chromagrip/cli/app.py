@@ -28,7 +28,7 @@ from . import (
     render,
 )
 from .ending import NAME, finish
-from .options import take_signals
+from .options import Overwrite, take_signals
 
 Command = Callable[..., int]
 
@@ -177,6 +177,9 @@ def _run(words: list[str], known: Mapping[str, Command], prog: str) -> int:
     if isinstance(command, int):
         return command
     out = command.keywords.get("out")
+    of_out = command.func.__annotations__.get("overwrite") is Overwrite
+    if of_out and out is None and command.keywords["overwrite"]:
+        raise UserError("--overwrite is for the folder of --out: give --out, or leave it out")
     if isinstance(out, Path):
         make_scratch(out)
     done = False

@@ -262,7 +262,9 @@ def _axis(text: str, flag: str, prefix: str) -> tuple[str, tuple[Any, ...]]:
         found = parse_toml(f"values = [{values}]", flag)["values"]
     except UserError:
         found = [parse_change(f"{key}={value}")[1] for value in values.split(",")]
-    kept = list(dict.fromkeys(map(_hashable, found)))
+    kept = list(map(_hashable, found))
+    if len(set(kept)) < len(kept):
+        raise UserError(f"{flag} {text}: a value is given twice")
     return prefix + key.strip(), tuple(kept)
 
 

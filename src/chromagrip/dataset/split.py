@@ -1,6 +1,7 @@
 """Split a dataset by what must not be in two parts: shapes, objects, sensors or any drawn value."""
 
 import json
+import math
 import os
 from pathlib import Path
 from zlib import crc32
@@ -182,7 +183,7 @@ def values_of_parts(folder: Path, parts: dict[str, list[str]]) -> dict[str, dict
     found = {}
     for key in sorted({key for row in rows for key in row} - {"number"}):
         values = {
-            part: sorted({_text(by_name[name].get(key)) for name in names})
+            part: sorted({_text(by_name[name].get(key)) for name in names}, key=_order)
             for part, names in parts.items()
         }
         if len({value for each in values.values() for value in each}) <= _FEW:
@@ -191,15 +192,27 @@ def values_of_parts(folder: Path, parts: dict[str, list[str]]) -> dict[str, dict
 
 
 def shared_shapes(values: dict[str, dict[str, list[str]]]) -> list[str]:
-    """A sentence for each part of a shape that is in several parts of a dataset."""
+    """A sentence for each property of a shape that has a value in several parts of a dataset."""
     sentences = []
     for key in (key for key in values if key in _SHAPE):
-        parts = values[key]
-        for value in sorted({value for each in parts.values() for value in each}):
-            where = [part for part, each in parts.items() if value in each]
-            if len(where) > 1 and len({v for each in parts.values() for v in each}) > 1:
-                sentences.append(f"{key} {value} is in {' and '.join(where)}")
+        among: dict[str, list[str]] = {}  # values that the same parts have
+        whole = sorted({value for each in values[key].values() for value in each}, key=_order)
+        for value in whole if len(whole) > 1 else ():
+            where = [part for part, each in values[key].items() if value in each]
+            if len(where) > 1:
+                among.setdefault(" and ".join(where), []).append(value)
+        for both, shared in among.items():
+            verb = "is" if len(shared) == 1 else "are each"
+            sentences.append(f"{key} {', '.join(shared)} {verb} in {both}")
     return sentences
+
+
+def _order(text: str) -> tuple[float, str]:
+    """Numbers by their size, then texts."""
+    try:
+        return float(text), ""
+    except ValueError:
+        return math.inf, text
 
 
 def _text(value: object) -> str:

@@ -42,17 +42,18 @@ def problem() -> tuple[str, str] | None:
     sentence and command that mends it; None if one distribution is installed and whole
     """
     installed, loaded = dict(_installed()), loaded_version()
-    others = [name for name in installed if name != OURS]
-    again = f"pip install --force-reinstall --no-deps {OURS}"
     if not installed or find_spec("cv2") is None:
         return None  # another package manager's cv2, or none, which its import reports
+    kept = OURS if OURS in installed else next(iter(installed))
+    again = f"pip install --force-reinstall --no-deps {kept}"
     if loaded is None:
         return "the folder cv2 is damaged: another OpenCV was installed or removed there", again
-    if others:
-        names = ", ".join(f"{name} {installed[name]}" for name in installed)
-        sentence = f"the folder cv2 belongs to {names}: loaded is OpenCV {loaded}"
-        return sentence, f"pip uninstall -y {' '.join(others)} && {again}"
-    return None
+    if len(installed) == 1:
+        return None
+    names = ", ".join(f"{name} {number}" for name, number in installed.items())
+    others = " ".join(name for name in installed if name != kept)
+    sentence = f"the folder cv2 belongs to {names}: loaded is OpenCV {loaded}"
+    return sentence, f"pip uninstall -y {others} && {again}"
 
 
 def notice(found: tuple[str, str]) -> str | None:

@@ -17,6 +17,8 @@ from ..tracking import AUTO_PALETTE, Palette, learn_palette, load_palette, sight
 
 Mask = NDArray[np.bool_]
 
+#: Largest share of a mask that may be grey: its edge, and what JPEG adds.
+GREYEST = 0.1
 #: Finds the palette, and where the sensor is, of a picture; height and width are those that it
 #: had before it was reduced [px].
 Find = Callable[[Image, tuple[int, int]], Palette]
@@ -45,7 +47,7 @@ class Within:
     Attributes
     ----------
     crop: left, top, width and height [px]
-    mask: picture that is not black where the sensor is
+    mask: picture that is white where the sensor is, and black elsewhere
     max_megapixels: largest mask that is decoded
     """
 
@@ -86,7 +88,14 @@ class Within:
                     f"mask {self.mask} is {given.shape[1]}×{given.shape[0]} pixels, the picture "
                     f"{width}×{height}"
                 )
-            found &= given.max(axis=2) > 127
+            bright = given.max(axis=2)
+            grey = ((bright > 32) & (bright < 223)).mean()
+            if grey > GREYEST:
+                raise UserError(
+                    f"mask {self.mask} is a picture, no mask: {100 * grey:.0f} % of it is neither "
+                    "black nor white; paint white what is the sensor and black what is not"
+                )
+            found &= bright > 127
         if not found.any():
             raise UserError("--crop and --mask leave nothing of the picture")
         return found

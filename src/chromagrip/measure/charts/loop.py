@@ -141,7 +141,7 @@ def chart_of(results: Results[Turn, dict[str, float]]) -> Chart:
                 name=one.name,
                 times=[],
                 errors={axis.key: found[axis.key] for axis in AXES},
-                ours=one.name == _OURS,
+                ours="controller" not in one.changes,
                 settings=", ".join(f"{key} {value}" for key, value in one.changes.items()),
                 command=grasp_command(SCENE, _CONTROLLER | one.changes),
             ),
