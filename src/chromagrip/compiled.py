@@ -238,9 +238,9 @@ def cold() -> bool:
     return bool(homes) and cached <= _compiled_here
 
 
-def compile_seconds() -> float:
-    """Time that this process has spent compiling kernels so far [s]."""
-    return _clock.seconds
+def working_time() -> float:
+    """Clock that stands still while kernels are compiled [s]."""
+    return time.perf_counter() - _clock.seconds
 
 
 def announce() -> None:

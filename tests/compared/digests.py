@@ -21,7 +21,7 @@ Parts = dict[str, str]
 #: Keys and columns that no two runs have in common: times, what follows from times (the front of a
 #: chart), and what a machine has installed.
 CHANGING = re.compile(
-    "frames_per_second|versions|machine|wall_time_s|first_frame_s|setup_s"
+    "frames_per_second|reading_ms|late_frames|versions|machine|wall_time_s|first_frame_s|setup_s"
     "|milliseconds|fastest|slowest|front of .*"
 )
 #: Units of rows that are a speed or a time of the program.

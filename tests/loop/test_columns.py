@@ -15,7 +15,7 @@ from chromagrip.loop.columns import Rows, columns_of, interval_of
 from chromagrip.loop.results.log import log_of
 from chromagrip.loop.results.report import run_on_page
 from chromagrip.loop.results.run_folder import RunRead, read_run
-from chromagrip.loop.trace import make_trace, summarise
+from chromagrip.loop.trace import Spent, make_trace, summarise
 from chromagrip.tracking import Z90
 
 COARSE = {
@@ -117,7 +117,7 @@ def doubtful(tmp_path: Path) -> RunRead:
     lines = [rows.line(_observed(sample, low)) for low in (0.3, scene.sliding_margin - 0.02)]
     trace = make_trace(lines, rows.columns)
     (tmp_path / "scene.toml").touch()
-    summary = summarise(scene, trace, 1.0)
+    summary = summarise(scene, trace, Spent(1.0))
     return RunRead(folder=tmp_path, scene=scene, summary=summary, columns=trace.columns)
 
 

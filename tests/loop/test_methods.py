@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import time
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -16,8 +17,8 @@ from chromagrip import UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop.methods import Methods, choose
 from chromagrip.loop.trace import counted_kinds
-from chromagrip.render import Membrane, SensorDesign, open_renderer
-from chromagrip.tracking import MarkerTracker, load_reconstructor
+from chromagrip.render import Frame, Membrane, SensorDesign, open_renderer
+from chromagrip.tracking import MarkerTracker, Tracks, load_reconstructor
 
 QUICK = {"path": "truth", "duration_s": 0.1}
 SEEN = {"duration_s": 0.03, "camera.rest_frames": 2}
@@ -217,3 +218,27 @@ def test_auto_is_the_reconstructor_of_the_body_and_not_of_the_sensor(body: str, 
     assert Methods.of_scene(scene).reconstructor == name
     with pytest.raises(UserError, match=f'does not read body = "{body}"'):
         choose(scene, reconstructor="contact" if body == "chain" else "gp")
+
+
+class Slow(MarkerTracker):
+    """A tracker that takes longer than a frame lasts in every third frame."""
+
+    seen = 0
+
+    def update(self, frame: Frame) -> Tracks:
+        """Markers in a frame."""
+        self.seen += 1
+        time.sleep(0.025 if self.seen % 3 == 0 else 0.0)
+        return super().update(frame)
+
+
+def test_frames_that_are_read_too_late_are_counted() -> None:
+    scene = load_scene("camera-100hz", {"duration_s": 0.15, "camera.rest_frames": 2})
+    summary = run(scene, tracker=Slow, controller=Scaled()).summary
+    reading = summary["reading_ms"]
+    assert summary["late_frames"] >= summary["frames"] // 3  # of 10 ms each
+    assert reading["worst"] >= reading["p99"] >= reading["p95"] >= 25.0
+    assert reading["median"] <= reading["p95"]
+    true = run(load_scene("camera-100hz", QUICK)).summary
+    assert true["reading_ms"] is None
+    assert true["late_frames"] is None

@@ -16,6 +16,7 @@ Number = Callable[..., str]
 def print_summary(result: "Result") -> None:
     """Print the results of a run."""
     from ..loop.results.expected_error import expected_words
+    from ..loop.trace import reading_words
 
     summary, table = result.summary, value_table()
 
@@ -30,6 +31,8 @@ def print_summary(result: "Result") -> None:
     if (expected := summary.get("margin_error_expected")) is not None:
         table.add_row("error to expect", expected_words(expected))
     table.add_row("speed", f"{number('frames_per_second', 1)} frames/s")
+    if summary.get("reading_ms") is not None:
+        table.add_row("time to read a frame", reading_words(summary))
     if result.folder is not None:
         table.add_row("folder", str(result.folder))
     print_table(table)

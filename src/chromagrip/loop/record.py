@@ -1,13 +1,12 @@
 """The record of a run: its trace and summary, and the files of its folder."""
 
-import time
 from array import array
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..compiled import compile_seconds
+from ..compiled import working_time
 from ..errors import UserError
 from ..scene.scene import Scene
 from ..tracking import SensorCalibration, Tracks
@@ -18,7 +17,7 @@ from .methods import Methods
 from .rig import Rig
 from .run_files import RunFiles
 from .sample import Sample
-from .trace import Summary, Trace, make_trace, summarise
+from .trace import Spent, Summary, Trace, make_trace, summarise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +59,7 @@ class Record:
         self._scene, self._known, self._files = scene, known, files
         self._read_with = None if known is None else used(methods.reconstructor, known)
         self._lines = Rows(scene)
-        self._rows, self._reasons = array("d"), list[str]()
+        self._rows, self._reasons, self._reading = array("d"), list[str](), array("d")
         self._rest: Tracks | None = None
         self._seconds = self._since = 0.0
 
@@ -78,14 +77,16 @@ class Record:
             When the folder cannot be written; the run's files are then removed.
         """
         if self._rows:  # the first frame includes those at rest
-            self._seconds += _working_time() - self._since
+            self._seconds += working_time() - self._since
         self._rest = sample.readings[0].rest
         self._reasons += sample.reasons
+        if any(one.frame is not None for one in sample.readings):
+            self._reading.append(sum(one.seconds for one in sample.readings))
         line = self._lines.line(sample)
         self._rows.extend(line)
         if self._files is not None:
             self._files.add(line, sample, rig)
-        self._since = _working_time()
+        self._since = working_time()
 
     @property
     def trace(self) -> Trace:
@@ -114,12 +115,8 @@ class Record:
 
     def _summary(self, scene: Scene, trace: Trace) -> Summary:
         pose = _pose_at_rest(self._known, self._rest)
-        return summarise(scene, trace, self._seconds, self._read_with, pose, self._reasons)
-
-
-def _working_time() -> float:
-    """Clock that stands still while kernels are compiled [s]."""
-    return time.perf_counter() - compile_seconds()
+        spent = Spent(self._seconds, self._reading)
+        return summarise(scene, trace, spent, self._read_with, pose, self._reasons)
 
 
 def _pose_at_rest(known: SensorCalibration | None, rest: Tracks | None) -> CameraPose | None:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,10 +104,23 @@ def make_trace(
 Summary = dict[str, Any]
 
 
+class Spent(NamedTuple):
+    """Time that a run took, without compiling.
+
+    Attributes
+    ----------
+    loop: of the loop from the second frame on, without writing files [s]
+    reading: of tracking and estimating in each frame that was read, of all fingers together [s]
+    """
+
+    loop: float
+    reading: Sequence[float] = ()
+
+
 def summarise(
     scene: Scene,
     trace: Trace,
-    seconds: float,
+    spent: Spent,
     used: Used | None = None,
     pose: CameraPose | None = None,
     reasons: Sequence[str] = (),
@@ -118,8 +131,7 @@ def summarise(
     ----------
     scene: scene that was run
     trace: trace until the end of the run or an interruption
-    seconds: wall-clock time of the loop from the second frame on, without compiling and writing
-        files [s]
+    spent: wall-clock time
     used: methods and calibration for the first finger's forces; None on the truth path
     pose: pose of the first finger's camera against the sensor's design; None if it is unknown
     reasons: one reason for each missing estimate of a finger
@@ -139,7 +151,8 @@ def summarise(
         "complete": len(trace) == scene.frames,
         "frames": len(trace),
         "duration_s": float(trace["time_s"][-1]) if len(trace) else 0.0,
-        "frames_per_second": (len(trace) - 1) / seconds if seconds > 0 else math.nan,
+        "frames_per_second": (len(trace) - 1) / spent.loop if spent.loop > 0 else math.nan,
+        **_lateness(scene, spent.reading),
         "margin_rmse": _margin_error(trace, prefixes(scene)),
         "max_grip_n": _largest(trace["grip_n"]),
         "final_grip_n": _last(trace["grip_n"]),
@@ -149,6 +162,29 @@ def summarise(
     return {
         k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
     }
+
+
+def _lateness(scene: Scene, reading: Sequence[float]) -> Summary:
+    """Percentiles of the time of a reading [ms], and how many take longer than a frame lasts."""
+    if not len(reading):
+        return {"reading_ms": None, "late_frames": None}
+    milliseconds = 1e3 * np.asarray(reading)
+    shares = {"median": 50.0, "p95": 95.0, "p99": 99.0, "worst": 100.0}
+    return {
+        "reading_ms": {
+            name: float(np.percentile(milliseconds, share)) for name, share in shares.items()
+        },
+        "late_frames": int((milliseconds > 1e3 * scene.period).sum()),
+    }
+
+
+def reading_words(summary: Summary) -> str:
+    """How long the frames of a summary took to read, and how many came late."""
+    reading = summary["reading_ms"]
+    return (
+        f"{reading['median']:.1f} ms in the median, {reading['p99']:.1f} ms in 99 %, "
+        f"{reading['worst']:.1f} ms at worst; {summary['late_frames']} late"
+    )
 
 
 def _of_one(scene: Scene, trace: Trace) -> Summary:

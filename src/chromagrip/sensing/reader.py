@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..by_name import Choice, blaming, name_of
+from ..compiled import working_time
 from ..control import GripObservation
 from ..errors import UserError, located
 from ..render import Frame
@@ -64,6 +65,7 @@ class Reading:
     held: the same observation with the margin that a controller must hold
     frame: picture with its time; None on the truth path and for a dropped frame
     tracks, rest: markers in the frame and at rest; None on the truth path
+    seconds: time that the reading took, without compiling [s]
     """
 
     observation: GripObservation | None = None
@@ -71,6 +73,7 @@ class Reading:
     frame: Frame | None = None
     tracks: Tracks | None = None
     rest: Tracks | None = None
+    seconds: float = 0.0
 
     @property
     def no_estimate(self) -> str:
@@ -221,8 +224,9 @@ class Reader:
                 f"the picture of {image.time:g} s came after that of {self._last:g} s; give "
                 "pictures in order of time, or make a new reader"
             )
-        self._last = image.time
-        return self.read(image, self.track(image))
+        self._last, begun = image.time, working_time()
+        reading = self.read(image, self.track(image))
+        return replace(reading, seconds=working_time() - begun)
 
     def track(self, frame: Frame) -> Tracks:
         """Track the markers in the next frame, the first half of `update`.

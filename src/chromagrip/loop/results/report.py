@@ -8,7 +8,7 @@ from ...model import GROSS_SLIP
 from ...output.run_page import RunOnPage, write_run_page
 from ...scene.scene import PathName, Scene
 from ..columns import prefixes
-from ..trace import Summary, may_slide, word_for_read
+from ..trace import Summary, may_slide, reading_words, word_for_read
 from .expected_error import expected_words
 from .panels import Columns, panels_of
 from .run_folder import RunRead
@@ -173,3 +173,5 @@ def _facts(scene: Scene, summary: Summary) -> Iterator[tuple[str, str]]:
         value = summary.get(key)
         if value is not None:
             yield name.format(read=read, smaller=smaller), f"{value:{form}} {unit}".strip()
+    if summary.get("reading_ms") is not None:
+        yield "time to read a frame", reading_words(summary)
