@@ -285,7 +285,11 @@ def test_a_chart_of_domes_has_all_that_read_them(
     )
     side = np.zeros((3, 2))
     said = Reading(
-        answers=answers, side=side, spent=np.array([0.02, np.nan, 0.04]), late=np.zeros(3, bool)
+        answers=answers,
+        side=side,
+        spent=np.array([0.02, np.nan, 0.04]),
+        each=np.zeros(0),
+        late=np.zeros(3, bool),
     )
     study = force_dome.dome_chart(Asked(quick=quick, methods=chosen))
     assert {task.design for task in study.settings} == {"thesis", *others}

@@ -344,6 +344,7 @@ def _reading(value: np.ndarray, half: np.ndarray, side: np.ndarray) -> Reading:
         ),
         side=side,
         spent=np.array([0.01, 0.02, 0.04]),
+        each=np.array([*[0.01] * 97, 0.02, 0.04, 0.1]),
         late=np.array([False]),
     )
 
@@ -366,6 +367,9 @@ def test_scores_are_the_errors_that_are_put_in() -> None:
     assert found["margin_narrow"] == 0.0
     assert found["margin_coverage"] == pytest.approx(200.0 / 3.0)
     assert found["rate"] == pytest.approx(50.0)
+    assert found["time_p95"] == pytest.approx(10.0)  # ms
+    assert 20.0 <= found["time_p99"] <= 100.0
+    assert found["time_worst"] == pytest.approx(100.0)
     # The constant answer is right on average, and no better.
     guess = scores(constant(true, side), true, side)
     assert guess["normal_share"] == pytest.approx(0.0)

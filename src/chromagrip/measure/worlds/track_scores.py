@@ -22,6 +22,7 @@ from ...errors import UserError
 from ...output.processes import one_thread
 from ...render import LAYERS, Frame
 from ...tracking import Palette, Tracker, Tracks, load_tracker, read_rest
+from .slowest import SLOWEST, slowest
 from .track_scenes import SCENES, Sequence, sequence
 
 Array = NDArray[np.float64]
@@ -58,6 +59,7 @@ UNITS = {
     "hue": "°",
     "normal": "mm",
     "time": "ms",
+    **dict.fromkeys(SLOWEST, "ms"),
 }
 
 
@@ -234,6 +236,7 @@ def scores(followed: Followed, scene: Sequence) -> dict[str, float]:
     result["hue"] = _hue_error(followed, scene, number)
     result["normal"] = 1e3 * _normal_error(followed, scene, number)
     result["time"] = float(np.median(followed.times))
+    result |= slowest(followed.times)
     return result
 
 

@@ -21,6 +21,7 @@ from ..beyond.scores import UNITS as OF_FRAMES
 from ..beyond.scores import beyond_scores
 from ..force_scores import OBSERVABLE, QUANTITIES, Answers, answer_of, average, rms
 from ..force_scores import constant as constant_answers
+from ..slowest import SLOWEST, slowest
 from .scenes import Watched, side
 
 Array = NDArray[np.float64]
@@ -51,6 +52,7 @@ UNITS = {
     "flagged": "%",
     "frames": "",
     "rate": "fields/s",
+    **dict.fromkeys(SLOWEST, "ms"),
     "late": "%",
 }
 
@@ -64,12 +66,14 @@ class Reading:
     answers: of (ΣFn, ΣFf, µ, Γ)
     side: ΣFf along x and y [N] and torque about z [N·m], shape (I, 3)
     spent: processor time of a field in each scene, refusals included [s], shape (S,)
+    each: processor time of every field [s], shape (F,)
     late: whether the estimator took too long over a scene, shape (S,)
     """
 
     answers: Answers
     side: Array
     spent: Array
+    each: Array
     late: NDArray[np.bool_]
 
     @classmethod
@@ -79,6 +83,7 @@ class Reading:
             answers=Answers.joined([part.answers for part in parts]),
             side=np.concatenate([part.side for part in parts]),
             spent=np.concatenate([part.spent for part in parts]),
+            each=np.concatenate([part.each for part in parts]),
             late=np.concatenate([part.late for part in parts]),
         )
 
@@ -109,6 +114,7 @@ def read(reconstructor: Choice, watched: Watched) -> Reading:
         answers=Answers.joined(found),
         side=np.array(sides),
         spent=np.array([mean]),
+        each=np.array(spent),
         late=np.array([whole > _PATIENCE]),
     )
 
@@ -119,6 +125,7 @@ def constant(true: Array, side: Array) -> Reading:
         answers=constant_answers(true),
         side=np.broadcast_to(side.mean(axis=0), side.shape),
         spent=np.array([np.nan]),
+        each=np.zeros(0),
         late=np.array([False]),
     )
 
@@ -132,6 +139,7 @@ def _refused(count: int) -> Reading:
         ),
         side=np.zeros((count, 3)),
         spent=np.array([np.nan]),
+        each=np.zeros(0),
         late=np.array([False]),
     )
 
@@ -166,6 +174,7 @@ def scores(reading: Reading, true: Array, side: Array) -> dict[str, float]:
         if np.isfinite(reading.spent).any()
         else float("nan"),
     }
+    found |= slowest(1e3 * reading.each)
     for name, (low, high) in NEAR.items():
         near = (true[kept, 3] >= low) & (true[kept, 3] < high)
         found[f"margin_{name}"] = rms(error[near, 3])
