@@ -13,6 +13,8 @@ from .corners import MIN_CORNERS, MIN_IMAGES, Array, View, check_count, on_a_lin
 
 #: End of OpenCV's iterations: their number, and the relative change of the parameters.
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 200, 1e-10)
+#: Module with the flags of `cv2.fisheye.calibrate`: since OpenCV 5 all solvers share one set.
+FLAGS: Any = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,8 +90,7 @@ def calibrate_pinhole(views: list[View], size: tuple[int, int], left_out: dict[s
 def calibrate_fisheye(views: list[View], size: tuple[int, int], left_out: dict[str, str]) -> Fit:
     """Fisheye through the corners of images of `size`; adds to `left_out` the views not used."""
     first = _guess_fisheye(views, size)
-    fix = cv2.fisheye
-    holds = (fix.CALIB_FIX_K4, fix.CALIB_FIX_K3, fix.CALIB_FIX_K2, fix.CALIB_FIX_K1)
+    holds = (FLAGS.CALIB_FIX_K4, FLAGS.CALIB_FIX_K3, FLAGS.CALIB_FIX_K2, FLAGS.CALIB_FIX_K1)
     # Angles from the axis within which corners are used, in turn [rad]: OpenCV's fisheye divides by
     # a point's depth, which is zero at 90°.
     rims = (np.radians(70.0), np.radians(85.0))
@@ -168,17 +169,15 @@ def _solve_fisheye(
     Views that OpenCV calls ill-conditioned are left out one by one.
     """
     flags |= (
-        cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC
-        | cv2.fisheye.CALIB_FIX_SKEW
-        | cv2.fisheye.CALIB_USE_INTRINSIC_GUESS
+        FLAGS.CALIB_RECOMPUTE_EXTRINSIC | FLAGS.CALIB_FIX_SKEW | FLAGS.CALIB_USE_INTRINSIC_GUESS
     )
-    check = cv2.fisheye.CALIB_CHECK_COND
+    check = FLAGS.CALIB_CHECK_COND
     while True:
         (fx, fy), (cx, cy) = start.focal, start.centre
         try:
             _, matrix, bent, turns, shifts = cv2.fisheye.calibrate(
-                [v.points[:, None] for v in views],
-                [v.pixels[:, None] for v in views],
+                [v.points[None] for v in views],  # of one row: OpenCV 5 takes no column
+                [v.pixels[None] for v in views],
                 (start.width, start.height),
                 np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
                 np.array(start.distortion),
