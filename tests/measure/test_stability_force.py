@@ -42,7 +42,11 @@ def said(
         flagged=np.array(flagged),
     )
     return Reading(
-        answers=answers, side=np.zeros((2, 2)), spent=np.ones(1), late=np.zeros(1, dtype=np.bool_)
+        answers=answers,
+        side=np.zeros((2, 2)),
+        spent=np.ones(1),
+        each=np.ones(1),
+        late=np.zeros(1, dtype=np.bool_),
     )
 
 
