@@ -346,10 +346,30 @@ def test_a_shape_is_in_one_part_unless_it_is_split_by_object(tmp_path: Path) -> 
     radii = values["object.radius_mm"]
     assert not set(radii["train"]) & set(radii["test"])
     assert {*radii["train"], *radii["test"]} == {"8", "20", "50"}
-    assert shared_shapes(values) == []
-    leaking = values_of_parts(tmp_path / "data", split(tmp_path / "data", shares, by="object"))
-    assert shared_shapes(leaking)
-    assert all("in train and test" in sentence for sentence in shared_shapes(leaking))
+    assert shared_shapes(tmp_path / "data", split(tmp_path / "data", shares)) == []
+    leaking = split(tmp_path / "data", shares, by="object")
+    (sentence,) = shared_shapes(tmp_path / "data", leaking)
+    assert sentence.endswith("in train and test")
+
+
+def test_shapes_that_are_drawn_as_tables_are_in_one_part(tmp_path: Path) -> None:
+    """Tables of an object beside a friction of its own: 9 objects, but 3 shapes."""
+    draw = {
+        "object": {
+            "each": [{"radius_mm": radius, "stiffness_kpa": 50.0} for radius in (8.0, 20.0, 50.0)]
+        },
+        "object.friction": {"uniform": [0.3, 0.8]},
+    }
+    drawn = {key: law for key, law in TINY.draw.items() if not key.startswith("object")} | draw
+    make(replace(TINY, sequences=9, draw=drawn), tmp_path / "data")
+    parts = split(tmp_path / "data", {"train": 0.7, "test": 0.3})
+    values = values_of_parts(tmp_path / "data", parts)
+    radii = values["object.radius_mm"]
+    assert not set(radii["train"]) & set(radii["test"])
+    assert {*radii["train"], *radii["test"]} == {"8", "20", "50"}
+    assert shared_shapes(tmp_path / "data", parts) == []
+    with pytest.raises(UserError, match="there is shape, object, camera"):
+        split(tmp_path / "data", {"train": 0.7, "test": 0.3}, by="object.shape")
 
 
 def test_a_full_disk_leaves_nothing_half_written(

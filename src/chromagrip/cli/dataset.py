@@ -242,11 +242,12 @@ def split(
     if json_only:
         print_values(counts, json_only)
         return 0
-    values = values_of_parts(fetched(folder, follow_links), parts)
+    there = fetched(folder, follow_links)
+    values = values_of_parts(there, parts)
     lines = [("sequences", *map(str, counts.values()))]
     lines += [(key, *(", ".join(each[part]) for part in parts)) for key, each in values.items()]
     print(*table_lines(Table(("", *parts), tuple(lines))), sep="\n")
-    for sentence in shared_shapes(values):
+    for sentence in shared_shapes(there, parts):
         print(f"{sentence}: --by shape keeps a shape in one part")
     return 0
 

@@ -157,31 +157,43 @@ def drawn_rows(folder: Path, names: list[str]) -> list[Values]:
     return rows
 
 
-def _groups(rows: list[Values], by: str) -> dict[str, list[int]]:
+def _flat(row: Values) -> dict[str, object]:
+    """Drawn values by their keys, those of a drawn table such as `object` by their own."""
+    found: dict[str, object] = {}
+    for key, value in row.items():
+        inner = value if isinstance(value, dict) else {}
+        found |= {f"{key}.{name}": each for name, each in inner.items() if each is not None}
+        if not inner:
+            found[key] = value
+    return found
+
+
+def _groups(tables: list[Values], by: str) -> dict[str, list[int]]:
     """Numbers of the sequences that are equal in what `by` names."""
+    rows = [_flat(row) for row in tables]
     drawn = sorted({key for row in rows for key in row} - {"number"})
     keys = {
         "object": [key for key in drawn if key.split(".")[0] == "object"],
         "shape": [key for key in drawn if key in _SHAPE],
     }.get(by, [key for key in drawn if key == by])
     if not keys and by not in ("object", "shape"):
-        known = ["shape", "object", *drawn]
+        known = ["shape", "object", *(key for key in drawn if key != "object")]
         raise UserError(
             f"nothing called {by} was drawn{meant(by, known)}; there is {', '.join(known)}"
         )
     found: dict[str, list[int]] = {}
     for row in rows:
         own = {key: row.get(key) for key in keys}
-        found.setdefault(json.dumps(own, default=repr), []).append(row["number"])
+        found.setdefault(json.dumps(own, default=repr), []).append(int(str(row["number"])))
     return found
 
 
 def values_of_parts(folder: Path, parts: dict[str, list[str]]) -> dict[str, dict[str, list[str]]]:
     """Values of each drawn key in each part, of keys with few values; by key, then by part."""
     rows = drawn_rows(folder, list(read_manifest(folder)["sequences"]))
-    by_name = {sequence_name(row["number"]): row for row in rows}
+    by_name = {sequence_name(row["number"]): _flat(row) for row in rows}
     found = {}
-    for key in sorted({key for row in rows for key in row} - {"number"}):
+    for key in sorted({key for row in by_name.values() for key in row} - {"number"}):
         values = {
             part: sorted({_text(by_name[name].get(key)) for name in names}, key=_order)
             for part, names in parts.items()
@@ -191,20 +203,30 @@ def values_of_parts(folder: Path, parts: dict[str, list[str]]) -> dict[str, dict
     return found
 
 
-def shared_shapes(values: dict[str, dict[str, list[str]]]) -> list[str]:
-    """A sentence for each property of a shape that has a value in several parts of a dataset."""
-    sentences = []
-    for key in (key for key in values if key in _SHAPE):
-        among: dict[str, list[str]] = {}  # values that the same parts have
-        whole = sorted({value for each in values[key].values() for value in each}, key=_order)
-        for value in whole if len(whole) > 1 else ():
-            where = [part for part, each in values[key].items() if value in each]
-            if len(where) > 1:
-                among.setdefault(" and ".join(where), []).append(value)
-        for both, shared in among.items():
-            verb = "is" if len(shared) == 1 else "are each"
-            sentences.append(f"{key} {', '.join(shared)} {verb} in {both}")
-    return sentences
+def shared_shapes(folder: Path, parts: dict[str, list[str]]) -> list[str]:
+    """A sentence for the shapes that each set of parts of a dataset has in common, if any."""
+    rows = drawn_rows(folder, list(read_manifest(folder)["sequences"]))
+    by_name = {sequence_name(row["number"]): _flat(row) for row in rows}
+    having: dict[str, list[str]] = {}  # parts that have a shape
+    for part, names in parts.items():
+        for shape in {_shape_text(by_name[name]) for name in names}:
+            having.setdefault(shape, []).append(part)
+    if len(having) < 2:  # of all the same shape
+        return []
+    among: dict[str, list[str]] = {}  # shapes that the same parts have
+    for shape in sorted(having):
+        if len(having[shape]) > 1:
+            among.setdefault(" and ".join(having[shape]), []).append(shape)
+    return [
+        f"{'; '.join(shapes)} {'is' if len(shapes) == 1 else 'are each'} in {both}"
+        for both, shapes in among.items()
+    ]
+
+
+def _shape_text(row: dict[str, object]) -> str:
+    """Drawn values that make the shape of a sequence."""
+    own = {key.removeprefix("object."): row[key] for key in _SHAPE if key in row}
+    return ", ".join(f"{name} {_text(value)}" for name, value in own.items())
 
 
 def _order(text: str) -> tuple[float, str]:
