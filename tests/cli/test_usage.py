@@ -105,6 +105,8 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
             "--vary object.friction=0.3,0.3: a value is given twice",
         ),
         (f"render --object {__file__} --press-mm 1", "no mesh file ends in '.py'; formats are "),
+        ("dataset make tiny --sequences 3 --out a", "no option --sequences (did you mean --n?)"),
+        ("render --object ball --depth 1", "no option --depth (did you mean --press-mm?)"),
         ("dataset check a b", "one word too many: b after a"),
         ("dataset check a a", "one word too many: a after a"),
         ("grasp --allow mine.py", "--allow mine.py: expected a module, such as mine of a file"),

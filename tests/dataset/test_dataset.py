@@ -686,6 +686,19 @@ def test_a_sheet_cuts_off_nothing(tiny: Path) -> None:
         assert (border == 255).all()
 
 
+def test_a_sequence_of_a_dome_is_read_as_one_at_its_own_rate(tmp_path: Path) -> None:
+    """A read-out of the chain says ±100 % of a silicone dome's forces."""
+    draw = {"motion": {"choice": ["press"]}, "object.radius_mm": {"choice": [20.0]}}
+    scene = {"body": "dome", "duration_s": 0.2, "camera": {"rate_hz": 60.0}}
+    make(replace(TINY, sequences=1, scene=scene, draw=draw), tmp_path / "data", workers=1)
+    folder, out = tmp_path / "data/sequence-000000", tmp_path / "out"
+    estimate(str(folder / "rest.png"), str(folder), calibration="thesis", out=out)
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["fps"], summary["reconstructor"]) == (60.0, "contact")
+    largest = max(pq.read_table(folder / "frames.parquet")["normal_n"].to_pylist())
+    assert summary["truth"]["normal_n"]["rms_error"] < 0.1 * largest
+
+
 def test_truth_stands_next_to_the_estimates_and_changes_none(tiny: Path, tmp_path: Path) -> None:
     sequence, bare = tiny / "sequence-000002", tmp_path / "bare"
     bare.mkdir()
@@ -694,7 +707,8 @@ def test_truth_stands_next_to_the_estimates_and_changes_none(tiny: Path, tmp_pat
     found = {}
     for folder in (sequence, bare):
         out = tmp_path / f"of-{folder.name}"
-        assert estimate(str(folder / "rest.png"), str(folder), calibration="thesis", out=out) == 0
+        words = str(folder / "rest.png"), str(folder)
+        assert estimate(*words, calibration="thesis", fps=60.0, out=out) == 0
         found[folder] = (json.loads((out / "summary.json").read_text()), out / "estimates.parquet")
     summary, table = found[sequence]
     assert table.read_bytes() == found[bare][1].read_bytes()

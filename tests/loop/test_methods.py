@@ -160,7 +160,7 @@ def test_summary_and_scene_name_the_reconstructor_that_auto_is(tmp_path: Path) -
 def test_the_summary_counts_frames_without_an_estimate_by_their_reasons() -> None:
     """Reasons that differ by their numbers alone are one kind."""
     reasons = ["1.2 N of 3 N", "0.9 N of 4 N", "no pair"]
-    assert counted_kinds(reasons) == {"… N of … N": 2, "no pair": 1}
+    assert counted_kinds(reasons) == {"1.2 N of 3 N": 2, "no pair": 1}
     hidden = {**SEEN, "defects.jpeg_quality": 15, "safety_margin.grip_first.ceiling_n": 3.0}
     summary = run(load_scene("camera-100hz", hidden)).summary
     assert summary["without_estimate"] == sum(summary["without_estimate_because"].values())

@@ -99,6 +99,19 @@ PURPOSES = {
         "doctor": "missing parts of the installation",
     },
 }
+#: Options by the names that they have elsewhere.
+OTHER_NAMES = {
+    "count": "--n",
+    "depth": "--press-mm",
+    "destination": "--out",
+    "format": "--to",
+    "num": "--n",
+    "rate": "--fps",
+    "repeats": "--seeds",
+    "sequences": "--n",
+    "threads": "--workers",
+    "jobs": "--workers",
+}
 #: The same words without their purposes.
 FIRST = {name: words for names in PURPOSES.values() for name, words in names.items()}
 
@@ -367,7 +380,10 @@ def _too_many(left: list[str], words: list[str], name: str, flags: list[str]) ->
     """
     unknown = [word.partition("=")[0] for word in left if re.match(r"--?[A-Za-z]", word)]
     if unknown:
-        questions = (meant(f"--{w.lstrip('-')}", flags) or _key_meant(w, flags) for w in unknown)
+        questions = (
+            meant(f"--{w.lstrip('-')}", flags) or _other_name(w, flags) or _key_meant(w, flags)
+            for w in unknown
+        )
         return f"no option {', '.join(map(''.join, zip(unknown, questions, strict=True)))}"
     word = left[0]
     at = len(words) - 1 - words[::-1].index(word) if word in words else 0
@@ -383,6 +399,12 @@ def _too_many(left: list[str], words: list[str], name: str, flags: list[str]) ->
         return f"{before[-1]} takes no value, got {word}"
     scene = f" (did you mean --scene {word}?)" if before[-1] == name and "--scene" in flags else ""
     return f"one word too many: {word} after {before[-1]}{scene}"
+
+
+def _other_name(flag: str, flags: list[str]) -> str:
+    """Question that names the option that other programs call so; "" if there is none."""
+    option = OTHER_NAMES.get(flag.lstrip("-"))
+    return f" (did you mean {option}?)" if option in flags else ""
 
 
 def _key_meant(flag: str, flags: list[str]) -> str:

@@ -47,6 +47,7 @@ if TYPE_CHECKING:  # OpenCV loads only when something is detected
     from ..pictures.find_sensor import Assumed, Within
     from ..pictures.marker_list import Picture
     from ..pictures.track import TrackSummary
+    from ..scene import Scene
 
 #: Defaults of `chromagrip.tracking`, which is not imported before it is used.
 _PALETTE = "auto"
@@ -289,7 +290,7 @@ def estimate(
     The folder has estimates.parquet (values with 90 % intervals, frame by frame; without
     the extra data estimates.csv), figure.png, overlay.mp4 and summary.json. A flat pad has no force
     model: its displacements are estimated instead. For a sequence of a dataset the true values are
-    printed next to the estimates.
+    printed next to the estimates, and its frame rate and body (chain or dome) are known.
 
     Example: chromagrip estimate rest.png press.mp4 --calibration mine.toml
     """
@@ -299,9 +300,14 @@ def estimate(
         out = new_folder(f"estimate-{stem_of(source)}")
 
     from ..pictures.estimate import estimate_source, files_lacking
-    from ..tracking import load_calibration
+    from ..tracking import AUTOMATIC, load_calibration
 
     known = load_calibration(calibration)
+    made_of = _scene_of(source)
+    if made_of is not None:
+        fps = made_of.camera.rate_hz if fps is None else fps
+        if reconstructor == _RECONSTRUCTOR and not known.sensor.shape.flat:
+            reconstructor = AUTOMATIC[made_of.body]
     if not known.sensor.shape.flat:
         prepare(known, reconstructor)
     truth = _truth_of(source)
@@ -333,6 +339,19 @@ def estimate(
     if outcome.broken is not None:
         raise UserError(outcome.broken)
     return 0
+
+
+def _scene_of(source: str) -> "Scene | None":
+    """Scene of a dataset's sequence: its frame rate, and whether its body is a chain or a dome."""
+    from ..scene import load_scene
+
+    file = Path(source) / "scene.toml"
+    if not (file.is_file() and (file.parent / "files.json").is_file()):
+        return None
+    try:
+        return load_scene(str(file))
+    except UserError:  # its pictures can be read without it
+        return None
 
 
 def _truth_of(source: str) -> "Mapping[str, NDArray[np.generic]] | None":

@@ -253,8 +253,11 @@ def _margin_error(trace: Trace, befores: Sequence[str]) -> float:
 
 
 def counted_kinds(reasons: Iterable[str]) -> dict[str, int]:
-    """Count sentences that differ only by numbers, the most frequent first."""
-    kinds = Counter(re.sub(r"\d[\d.]*", "…", reason) for reason in reasons)
+    """Count sentences that differ only by numbers, under the first of each, most frequent first."""
+    firsts: dict[str, str] = {}
+    kinds = Counter(
+        firsts.setdefault(re.sub(r"\d[\d.]*", "…", reason), reason) for reason in reasons
+    )
     return dict(kinds.most_common())
 
 
