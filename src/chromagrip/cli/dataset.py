@@ -96,6 +96,7 @@ def make(
 
     Example: chromagrip dataset make tiny --out data
     """
+    from ..dataset.folder import CARD, SHEET
     from ..dataset.frozen import seal
     from ..dataset.make import make as make_dataset
     from ..dataset.recipe import load_recipe
@@ -125,6 +126,8 @@ def make(
         )
         raise
     made: dict[str, object] = {"sequences": len(manifest["sequences"]), "folder": str(out)}
+    if not json_only:
+        made["see"] = f"{CARD} and {SHEET}"
     if resume:
         made["damaged_and_made_again"] = len(again)
     print_values(made | seal(out), json_only)

@@ -65,6 +65,14 @@ class Loaded:
     markers: dict[str, NDArray[Any]]
     pictures: Pictures
 
+    def __repr__(self) -> str:
+        """Name, frames and columns, without their arrays."""
+        markers = f"markers: {', '.join(self.markers)}"
+        return (
+            f"<{sequence_name(self.number)}: {len(self.pictures)} frames; "
+            f"frames: {', '.join(self.frames)}; {markers}>"
+        )
+
     def images(self) -> Iterator[NDArray[np.uint8]]:
         """Read the pictures one by one, RGB, shape (H, W, 3)."""
         return iter(self.pictures)
