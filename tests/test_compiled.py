@@ -93,7 +93,6 @@ def test_nothing_that_can_be_written_is_said(run: Run, tmp_path: Path) -> None:
         assert "set NUMBA_CACHE_DIR to a folder that can be written" in sentence
 
 
-@pytest.mark.slow
 def test_a_process_is_cold_that_finds_no_kernel(run: Run, tmp_path: Path) -> None:
     kernel = tmp_path / "code/kernel.py"
     kernel.write_text(kernel.read_text() + "import sys\nprint(compiled.cold(), file=sys.stderr)\n")
@@ -101,6 +100,7 @@ def test_a_process_is_cold_that_finds_no_kernel(run: Run, tmp_path: Path) -> Non
     assert run().stderr == "False\n"
 
 
+@pytest.mark.slow
 def test_what_nobody_used_for_a_week_is_removed(run: Run, tmp_path: Path) -> None:
     run()
     home, now, day = tmp_path / "code/__pycache__/kernels", time.time(), 86400.0

@@ -3,7 +3,7 @@
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -41,13 +41,11 @@ from .options import (
 from .readouts import prepare
 
 if TYPE_CHECKING:  # OpenCV loads only when something is detected
-    from numpy.typing import NDArray
-
+    from ..dataset.read import Loaded
     from ..pictures.estimate import EstimateSummary
     from ..pictures.find_sensor import Assumed, Within
     from ..pictures.marker_list import Picture
     from ..pictures.track import TrackSummary
-    from ..scene import Scene
 
 #: Defaults of `chromagrip.tracking`, which is not imported before it is used.
 _PALETTE = "auto"
@@ -303,14 +301,13 @@ def estimate(
     from ..tracking import AUTOMATIC, load_calibration
 
     known = load_calibration(calibration)
-    made_of = _scene_of(source)
-    if made_of is not None:
-        fps = made_of.camera.rate_hz if fps is None else fps
+    sequence = _sequence_of(source)
+    if sequence is not None:
+        fps = sequence.scene.camera.rate_hz if fps is None else fps
         if reconstructor == _RECONSTRUCTOR and not known.sensor.shape.flat:
-            reconstructor = AUTOMATIC[made_of.body]
+            reconstructor = AUTOMATIC[sequence.scene.body]
     if not known.sensor.shape.flat:
         prepare(known, reconstructor)
-    truth = _truth_of(source)
     with _frames("estimating") as (tell, progress):
         outcome = estimate_source(
             rest,
@@ -326,7 +323,7 @@ def estimate(
             out=out,
             overwrite=overwrite,
             max_megapixels=max_megapixels,
-            truth=truth,
+            truth=None if sequence is None else sequence.frames,
             tell=tell,
             progress=progress,
         )
@@ -341,28 +338,15 @@ def estimate(
     return 0
 
 
-def _scene_of(source: str) -> "Scene | None":
-    """Scene of a dataset's sequence: its frame rate, and whether its body is a chain or a dome."""
-    from ..scene import load_scene
-
-    file = Path(source) / "scene.toml"
-    if not (file.is_file() and (file.parent / "files.json").is_file()):
-        return None
-    try:
-        return load_scene(str(file))
-    except UserError:  # its pictures can be read without it
-        return None
-
-
-def _truth_of(source: str) -> "Mapping[str, NDArray[np.generic]] | None":
-    """Columns of the true values where the pictures are a sequence of a dataset, else None."""
+def _sequence_of(source: str) -> "Loaded | None":
+    """The sequence of a dataset whose pictures these are, else None."""
     folder = Path(source)
-    if not all((folder / name).is_file() for name in ("files.json", "frames.parquet")):
+    if not all((folder / name).is_file() for name in ("files.json", "scene.toml")):
         return None
     from ..dataset.read import load_sequence
 
     try:
-        return load_sequence(folder).frames
+        return load_sequence(folder)
     except UserError as error:
         print(f"chromagrip: true values are not shown: {error}", file=sys.stderr)
         return None

@@ -67,10 +67,9 @@ class Loaded:
 
     def __repr__(self) -> str:
         """Name, frames and columns, without their arrays."""
-        markers = f"markers: {', '.join(self.markers)}"
         return (
             f"<{sequence_name(self.number)}: {len(self.pictures)} frames; "
-            f"frames: {', '.join(self.frames)}; {markers}>"
+            f"frames: {', '.join(self.frames)}; markers: {', '.join(self.markers)}>"
         )
 
     def images(self) -> Iterator[NDArray[np.uint8]]:

@@ -14,7 +14,7 @@ from ..folders import write_whole
 from ..strange_files import read_small, shortened
 from .folder import TABLE, FileList, Place, read_files, read_manifest, sequence_name
 from .labels.tables import damaged, read_rows
-from .recipe import Values
+from .recipe import Values, dotted
 from .remote import SPLIT, fetched, is_address, put
 
 #: Drawn values that make a shape.
@@ -60,7 +60,7 @@ def split(
         given = ", ".join(f"{name} {share:g}" for name, share in shares.items())
         raise UserError(f"shares must be above 0 and add up to 1, got {given}")
     address, folder = folder, fetched(folder, follow_links)
-    rows = drawn_rows(folder, list(read_manifest(folder)["sequences"]))
+    rows = _drawn_in(folder)
     groups = _groups(rows, by)
     if by == "shape" and len(groups) == 1:
         by, groups = "object", _groups(rows, "object")
@@ -76,7 +76,7 @@ def split(
     for k in range(len(ends)):
         ends[k] = min(max(ends[k], k + 1), len(keys) - (len(ends) - 1 - k))
     parts = {
-        name: sorted(sequence_name(n) for at in order[low:high] for n in groups[keys[at]])
+        name: sorted(each for at in order[low:high] for each in groups[keys[at]])
         for name, low, high in zip(shares, [0, *ends[:-1]], ends, strict=True)
     }
     write_whole(folder / SPLIT, (json.dumps(parts, indent=1) + "\n").encode())
@@ -157,43 +157,44 @@ def drawn_rows(folder: Path, names: list[str]) -> list[Values]:
     return rows
 
 
-def _flat(row: Values) -> dict[str, object]:
-    """Drawn values by their keys, those of a drawn table such as `object` by their own."""
-    found: dict[str, object] = {}
-    for key, value in row.items():
-        inner = value if isinstance(value, dict) else {}
-        found |= {f"{key}.{name}": each for name, each in inner.items() if each is not None}
-        if not inner:
-            found[key] = value
-    return found
+def _drawn_in(folder: Path) -> dict[str, Values]:
+    """Drawn values of each sequence by its name; those of a table by their own keys."""
+    rows = drawn_rows(folder, list(read_manifest(folder)["sequences"]))
+    # Of tables with unlike keys, Parquet gives each the keys of all.
+    return {
+        sequence_name(row["number"]): {
+            key: value
+            for key, value in dotted(row).items()
+            if value is not None and key != "number"
+        }
+        for row in rows
+    }
 
 
-def _groups(tables: list[Values], by: str) -> dict[str, list[int]]:
-    """Numbers of the sequences that are equal in what `by` names."""
-    rows = [_flat(row) for row in tables]
-    drawn = sorted({key for row in rows for key in row} - {"number"})
+def _groups(rows: dict[str, Values], by: str) -> dict[str, list[str]]:
+    """Names of the sequences that are equal in what `by` names."""
+    drawn = sorted({key for row in rows.values() for key in row})
     keys = {
         "object": [key for key in drawn if key.split(".")[0] == "object"],
         "shape": [key for key in drawn if key in _SHAPE],
     }.get(by, [key for key in drawn if key == by])
     if not keys and by not in ("object", "shape"):
-        known = ["shape", "object", *(key for key in drawn if key != "object")]
+        known = ["shape", "object", *drawn]
         raise UserError(
             f"nothing called {by} was drawn{meant(by, known)}; there is {', '.join(known)}"
         )
-    found: dict[str, list[int]] = {}
-    for row in rows:
+    found: dict[str, list[str]] = {}
+    for name, row in rows.items():
         own = {key: row.get(key) for key in keys}
-        found.setdefault(json.dumps(own, default=repr), []).append(int(str(row["number"])))
+        found.setdefault(json.dumps(own, default=repr), []).append(name)
     return found
 
 
 def values_of_parts(folder: Path, parts: dict[str, list[str]]) -> dict[str, dict[str, list[str]]]:
     """Values of each drawn key in each part, of keys with few values; by key, then by part."""
-    rows = drawn_rows(folder, list(read_manifest(folder)["sequences"]))
-    by_name = {sequence_name(row["number"]): _flat(row) for row in rows}
+    by_name = _drawn_in(folder)
     found = {}
-    for key in sorted({key for row in by_name.values() for key in row} - {"number"}):
+    for key in sorted({key for row in by_name.values() for key in row}):
         values = {
             part: sorted({_text(by_name[name].get(key)) for name in names}, key=_order)
             for part, names in parts.items()
@@ -205,25 +206,22 @@ def values_of_parts(folder: Path, parts: dict[str, list[str]]) -> dict[str, dict
 
 def shared_shapes(folder: Path, parts: dict[str, list[str]]) -> list[str]:
     """A sentence for the shapes that each set of parts of a dataset has in common, if any."""
-    rows = drawn_rows(folder, list(read_manifest(folder)["sequences"]))
-    by_name = {sequence_name(row["number"]): _flat(row) for row in rows}
-    having: dict[str, list[str]] = {}  # parts that have a shape
-    for part, names in parts.items():
-        for shape in {_shape_text(by_name[name]) for name in names}:
-            having.setdefault(shape, []).append(part)
-    if len(having) < 2:  # of all the same shape
+    rows = _drawn_in(folder)
+    groups = _groups(rows, "shape").values()
+    if len(groups) < 2:  # all have one shape
         return []
     among: dict[str, list[str]] = {}  # shapes that the same parts have
-    for shape in sorted(having):
-        if len(having[shape]) > 1:
-            among.setdefault(" and ".join(having[shape]), []).append(shape)
+    for names in groups:
+        both = [part for part, own in parts.items() if not set(own).isdisjoint(names)]
+        if len(both) > 1:
+            among.setdefault(" and ".join(both), []).append(_shape_text(rows[names[0]]))
     return [
-        f"{'; '.join(shapes)} {'is' if len(shapes) == 1 else 'are each'} in {both}"
+        f"{'; '.join(sorted(shapes))} {'is' if len(shapes) == 1 else 'are each'} in {both}"
         for both, shapes in among.items()
     ]
 
 
-def _shape_text(row: dict[str, object]) -> str:
+def _shape_text(row: Values) -> str:
     """Drawn values that make the shape of a sequence."""
     own = {key.removeprefix("object."): row[key] for key in _SHAPE if key in row}
     return ", ".join(f"{name} {_text(value)}" for name, value in own.items())
