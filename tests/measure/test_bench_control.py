@@ -142,8 +142,22 @@ def test_a_run_that_stops_is_a_row_and_spoils_no_other(monkeypatch: pytest.Monke
     assert stopped.name in {line[0] for line in report.listed().lines}
 
 
+def test_ones_own_stands_beside_the_usual_ones_and_names_of_ours_stand_alone() -> None:
+    usual = ("safety-margin", "conservative")
+    assert Asked().compared(usual) == list(usual)
+    assert Asked(methods=("conservative",)).compared(usual) == ["conservative"]
+    assert Asked(methods=("mine:Own(gain=2)",)).compared(usual) == [*usual, "mine:Own(gain=2)"]
+    assert Asked(methods=("conservative", dict)).compared(usual) == [*usual, dict]
+    sets = {
+        t.group
+        for t in tasks(False, [*usual, "mine:Own"], ["mine:Own"])
+        if t.controller == "conservative"
+    }
+    assert sets == set(SCENES)  # ours are not measured with all objects for another's sake
+
+
 def test_everything_is_run_once_with_each_seed() -> None:
-    every = tasks(False, ["conservative"], True)
+    every = tasks(False, ["conservative"], ["conservative"])
     keys = {(t.scene, t.specimen, repr(sorted(t.changes.items()))) for t in every}
     assert len(keys) == len(every)
     count = {group: sum(t.group == group for t in every) for group in OBJECT_SETS}
@@ -158,14 +172,14 @@ def test_everything_is_run_once_with_each_seed() -> None:
         "beyond": 4 * len(BEYOND),
     }
     # Without a name, sets of objects are run only where something is asked.
-    some = tasks(False, ["conservative", "safety-margin"], False)
+    some = tasks(False, ["conservative", "safety-margin"])
     assert {t.group for t in some if t.controller == "conservative"} == set(SCENES)
     judged = {t.group for t in some if t.controller == "safety-margin"}
     assert judged == {*SCENES, "objects-100hz", "beyond"}
     assert {(group, score) for _, group, score in TARGETS} <= {
         (group, score) for group in OBJECT_SETS for score in SCORES
     }
-    for task in tasks(True, ["conservative"], True):
+    for task in tasks(True, ["conservative"], ["conservative"]):
         scene = load_scene(task.scene, task.changes)
         assert (scene.controller, scene.path) == ("conservative", task.path)
 

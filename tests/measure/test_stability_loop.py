@@ -1,5 +1,6 @@
 """Maps of the closed loop: the prediction against an independent loop, and where methods break."""
 
+import csv
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -54,6 +55,7 @@ from chromagrip.measure.stability.maps import (
 from chromagrip.measure.stability.panels import place
 from chromagrip.measure.study import Asked
 from chromagrip.model import GROSS_SLIP, Drive, ForceField, contact_forces, simulate
+from chromagrip.output.cells import write_cells
 from chromagrip.output.report import Report
 from chromagrip.scene.scene import load_scene
 from chromagrip.sensing.observers import TruthObserver
@@ -376,3 +378,17 @@ def test_ones_own_controller_has_panels_beside_ours() -> None:
         assert len(beside.settings()) > len(ours.settings())
         assert set(ours.settings()) < set(beside.settings())
         assert "mine:Own" in {one.controller for one in beside.settings()}
+
+
+def test_a_table_of_cells_has_no_gains_that_a_controller_lacks(tmp_path: Path) -> None:
+    names = ("safety-margin", "margin-inversion", "mine:Own")
+    cells = [LoopCell(controller=name, outcome="holds", root=math.nan) for name in names]
+    write_cells(cells, tmp_path / "cells.csv")
+    with (tmp_path / "cells.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    keys = ("proportional_n", "integral_n_per_s", "window_s")
+    assert [[bool(line[key]) for key in keys] for line in lines] == [
+        [True, True, True],
+        [False, False, True],
+        [False, False, False],
+    ]

@@ -1,13 +1,14 @@
 """Margins with torsion, against what is known of a contact that is only twisted."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from chromagrip.control import GripObservation
 from chromagrip.model import ForceField
-from chromagrip.sensing.margins import with_limit_margin
+from chromagrip.sensing.margins import finished, with_limit_margin
 
 MU, OFF = 0.5, 0.2
 
@@ -49,3 +50,12 @@ def test_an_error_of_friction_is_one_of_the_torsion_that_is_borne(share: float) 
 def test_a_known_friction_leaves_no_doubt() -> None:
     found = with_limit_margin(twisted(0.4, known=True))
     assert np.ptp(found.limit_margin_interval) < 1e-9
+
+
+def test_no_interval_exceeds_one_and_an_unknown_end_stays_unknown() -> None:
+    wide = replace(twisted(0.4, known=True), margin=0.98, margin_interval=(0.9, 1.04))
+    found = finished(wide)
+    assert found.margin_interval == (0.9, 1.0)
+    assert max(found.limit_margin_interval) <= 1.0
+    lost = replace(wide, margin=math.nan, margin_interval=(math.nan, math.nan))
+    assert all(math.isnan(end) for end in finished(lost).margin_interval)

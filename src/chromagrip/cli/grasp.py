@@ -220,7 +220,7 @@ def grasp(
     if json_only:
         print(json.dumps(result.summary))
     else:
-        print_summary(result)
+        print_summary(result, Path(scene).stem)
     if out is not None:
         tell_lacking(files_lacking(drawn=source is None))
     return 0

@@ -36,8 +36,8 @@ _SHARED: dict[str, Any] = {
 }
 _SHARED_VALUES = {"workers": CORES, "out": None}
 _METHOD = (
-    "{} to compare, in addition to the study's own or alone; may be repeated; arguments of a class "
-    "in brackets, such as mine:Class(gain=2)"
+    "{} to compare; may be repeated; names of ours are measured alone, and a class of your own "
+    "stands beside the study's; its arguments are in brackets, such as mine:Class(gain=2)"
 )
 
 

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 Number = Callable[..., str]
 
 
-def print_summary(result: "Result") -> None:
-    """Print the results of a run."""
+def print_summary(result: "Result", name: str) -> None:
+    """Print the results of a run of a scene with that name."""
     from ..loop.results.expected_error import expected_words
     from ..loop.trace import reading_words
 
@@ -24,7 +24,10 @@ def print_summary(result: "Result") -> None:
         value = summary[name]
         return "–" if value is None else f"{value:z.{digits}f}"
 
-    table.add_row("controller", f"{summary['controller']}, {summary['path']} path")
+    target = result.scene.target_margin
+    table.add_row("scene", f"{name}, sensor {result.scene.sensor}")
+    aim = "no target" if target is None else f"target {target:.2f}"
+    table.add_row("controller", f"{summary['controller']}, {summary['path']} path, {aim}")
     rows = {"chain": _rows_of_one, "dome": _rows_of_one, "pinch": _rows_of_two}
     for name, words in rows[summary["mechanics"]](summary, number):
         table.add_row(name, words)

@@ -30,7 +30,7 @@ Image = NDArray[np.uint8]
 MARGIN = {
     "margin": (-10.0, 1.0),
     "margin_low": (-10.0, 1.0),
-    "margin_high": (-10.0, 10.0),
+    "margin_high": (-10.0, 1.0),
     "grip_n": (0.0, 100.0),
     "known": (0.0, 1.0),
 }

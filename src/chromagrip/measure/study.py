@@ -42,7 +42,7 @@ class Asked:
     ----------
     quick: measure less of everything
     methods: names, `module:Class`, `module:Class(name=value)` or classes of the study's kind of
-        method; none are its own choice
+        method; none are its own choice, and one of the user's own stands beside that choice
     only: parts of the study; none are all
     world: name of the world; empty is the study's first choice
     """
@@ -51,6 +51,16 @@ class Asked:
     methods: tuple[Choice, ...] = ()
     only: tuple[str, ...] = ()
     world: str = ""
+
+    @property
+    def beside(self) -> bool:
+        """Whether a method of the user's own is asked for, which the study's stand beside."""
+        return any(not isinstance(one, str) or ":" in one for one in self.methods)
+
+    def compared(self, usual: Iterable[Choice]) -> list[Choice]:
+        """Methods to compare, each once: those asked for, the usual ones, or both."""
+        ours = usual if self.beside or not self.methods else ()
+        return list(dict.fromkeys([*ours, *self.methods]))
 
     def chosen(
         self,
@@ -62,7 +72,7 @@ class Asked:
 
         Parameters
         ----------
-        usual: taken where none are asked for
+        usual: see `compared`
         load: refuses a choice that cannot be loaded
         first: compared whatever is asked for
 
@@ -71,11 +81,11 @@ class Asked:
         UserError
             When there is none of that name, or it cannot be imported.
         """
-        return named((*first, *(self.methods or usual)), load)
+        return named((*first, *self.compared(usual)), load)
 
 
 def controllers_of(asked: Asked, scene: str, usual: Iterable[str]) -> tuple[str, ...]:
-    """Controllers to compare, each once; unless chosen these.
+    """Controllers to compare, see `Asked.compared`.
 
     Parameters
     ----------
@@ -86,7 +96,7 @@ def controllers_of(asked: Asked, scene: str, usual: Iterable[str]) -> tuple[str,
     UserError
         When there is no such controller.
     """
-    names = tuple(dict.fromkeys(str(name) for name in asked.methods or usual))
+    names = tuple(map(str, asked.compared(usual)))
     for name in names:
         load_scene(scene, {"controller": name}).build_controller()
     return names

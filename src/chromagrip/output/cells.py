@@ -1,7 +1,7 @@
 """Results of many runs in a CSV file, one line for each run, so that interrupted work resumes."""
 
 import csv
-from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -14,12 +14,24 @@ Cell = TypeVar("Cell")
 Key = TypeVar("Key", bound=Hashable)
 
 
-def write_cells(cells: Sequence[Any], path: Path) -> None:
-    """Write dataclasses of text and numbers, at least one; the file is never half written."""
+def write_cells(
+    cells: Sequence[Any], path: Path, more: Callable[[Any], Mapping[str, Any]] = lambda cell: {}
+) -> None:
+    """Write dataclasses of text and numbers, at least one; the file is never half written.
+
+    Parameters
+    ----------
+    cells: what one names as `foreign` to it is empty in its line
+    more: columns behind those of a cell
+    """
     with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(cells[0])])
+        writer = csv.DictWriter(
+            file, [*(field.name for field in fields(cells[0])), *more(cells[0])]
+        )
         writer.writeheader()
-        writer.writerows(asdict(cell) for cell in cells)
+        for cell in cells:
+            foreign = dict.fromkeys(getattr(cell, "foreign", ()), "")
+            writer.writerow({**asdict(cell), **foreign, **more(cell)})
 
 
 def read_cells(path: Path | None, kind: type[Cell]) -> Iterator[Cell]:

@@ -12,7 +12,7 @@ import msgspec
 import tomli_w
 from msgspec import Meta
 
-from ..by_name import as_in_file, with_allowed
+from ..by_name import as_in_file, with_allowed, with_arguments
 from ..control import (
     ConservativeSettings,
     Controller,
@@ -259,10 +259,14 @@ class Scene(Table, frozen=True):
 
     @property
     def target_margin(self) -> float | None:
-        """Safety margin that the controller aims at; None if it has no such setting."""
+        """Safety margin that the controller aims at; None if it has no such setting.
+
+        That of a class of one's own is its argument `desired_margin`.
+        """
         settings = getattr(self, self._settings_name, None)
-        target: float | None = getattr(settings, "desired_margin", None)
-        return target
+        own = with_arguments(self.controller)[1] | self.controller_arguments
+        target = getattr(settings, "desired_margin", own.get("desired_margin"))
+        return float(target) if isinstance(target, float | int) else None
 
     @property
     def sliding_margin(self) -> float | None:

@@ -16,8 +16,19 @@ Array = NDArray[np.float64]
 
 
 def finished(observation: GripObservation, bias: float = 0.0) -> GripObservation:
-    """Add a bias on µ, and the margin of friction and torsion together."""
-    return with_limit_margin(with_friction_bias(observation, bias))
+    """Add a bias on µ, and the margin of friction and torsion together; no interval exceeds 1."""
+    observation = with_limit_margin(with_friction_bias(observation, bias))
+    return replace(
+        observation,
+        margin_interval=_at_most_one(observation.margin_interval),
+        limit_margin_interval=_at_most_one(observation.limit_margin_interval),
+    )
+
+
+def _at_most_one(interval: tuple[float, float]) -> tuple[float, float]:
+    """Interval of a margin, which never exceeds 1; an unknown end stays NaN."""
+    low, high = interval
+    return min(low, 1.0), min(high, 1.0)
 
 
 def with_friction_bias(observation: GripObservation, bias: float) -> GripObservation:

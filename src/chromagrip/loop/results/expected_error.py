@@ -36,14 +36,16 @@ class ExpectedError(TypedDict):
     """Error of Γ to be expected, part of a summary.
 
     `typical` and `worst` are RMS errors of `situations` measured runs at `rate_hz`; None where
-    this sensor and reader were not measured. `picture_allows` is the smallest error that one
-    picture allows; None where it is unknown.
+    this sensor and reader were not measured. Of one picture, `noise_allows` is the smallest error
+    by the noise of the camera alone, and `picture_allows` that with the misfit between real
+    contacts and those that the reader fits; None where they are unknown.
     """
 
     typical: float | None
     worst: float | None
     situations: int
     rate_hz: float | None
+    noise_allows: float | None
     picture_allows: float | None
 
 
@@ -71,17 +73,23 @@ def expected_error(scene: Scene, reconstructor: str) -> ExpectedError:
         "worst": max(errors) if errors else None,
         "situations": len(errors),
         "rate_hz": alike[0].rate_hz if alike else None,
+        "noise_allows": None if limit is None else limit.noise,
         "picture_allows": None if limit is None else limit.with_misfit,
     }
 
 
 def expected_words(expected: ExpectedError) -> str:
-    """Describe it in words."""
-    allowed = expected["picture_allows"]
-    best = "" if allowed is None else f"; one picture allows {allowed:.3f} at best"
+    """Describe it in words, with the reason."""
+    noise, allowed = expected["noise_allows"], expected["picture_allows"]
+    why = ""
+    if noise is not None and allowed is not None:
+        why = f". Why: the camera's noise makes {noise:.3f} in one picture"
+        if allowed > noise:
+            why += f", and {allowed:.3f} together with contacts unlike those that the reader fits"
+        why += "; a reader that follows many pictures can be better"
     if expected["typical"] is None:
-        return f"not measured for this sensor and reader{best}"
+        return f"not measured for this sensor and reader{why}"
     return (
-        f"{expected['typical']:.3f} RMS in the median, {expected['worst']:.3f} at worst, of "
-        f"{expected['situations']} runs measured at {expected['rate_hz']:g} Hz{best}"
+        f"{expected['typical']:.3f} RMS in the median and {expected['worst']:.3f} at worst of "
+        f"{expected['situations']} runs measured at {expected['rate_hz']:g} Hz{why}"
     )

@@ -60,12 +60,17 @@ def _words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
     yield from {1: _one_words, 2: _two_words}[scene.fingers](scene, summary, of)
     if (expected := summary.get("margin_error_expected")) is not None:
         yield f"Error of Γ to expect of this sensor and reader: {expected_words(expected)}."
+        if summary.get("reconstructor") == "contact":
+            yield (
+                "µ is seen only where the object slides or is about to: before that its estimate "
+                "is the usual value of 0.5, with a wide interval, whatever the object is."
+            )
     possible = np.any([may_slide(scene, of, before) for before in prefixes(scene)], axis=0)
     if scene.sliding_margin is not None and possible.any():
         yield (
-            f"In {100 * np.mean(possible):.0f} % of the frames the interval of the margin reached "
-            f"down to {scene.sliding_margin:g}: the object might have slid, so the grip was held "
-            "or raised (Grip First)."
+            f"In {_share(float(np.mean(possible)))} of the frames the interval of the margin "
+            f"reached down to {scene.sliding_margin:g}: the object might have slid, so the grip "
+            "was held or raised (Grip First)."
         )
     if summary["without_estimate"]:
         because = next(iter(summary["without_estimate_because"]))
@@ -74,6 +79,11 @@ def _words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
             f"No forces were estimated in {summary['without_estimate']} of {frames} frames, "
             f"mostly because: {because}."
         )
+
+
+def _share(share: float) -> str:
+    """Share above 0 in words."""
+    return f"{100 * share:.0f} %" if share >= 0.01 else "under 1 %"
 
 
 def _one_words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:

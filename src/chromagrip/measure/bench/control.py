@@ -1,6 +1,6 @@
 """Scorecards of controllers: the scenes beyond the thesis on both paths, and the 27 objects."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
@@ -148,12 +148,12 @@ def control_study(asked: Asked) -> Study[ControlRun, Scores | str]:
     """Controllers in scenes beyond the thesis and with 27 objects, on both paths.
 
     Rows are `scene/path/controller/score`, their worst, and those of sets of objects. A quick run
-    has the truth path, two scenes through the camera, and no sets. Unless controllers are chosen,
-    only those sets are run that a controller has targets for.
+    has the truth path, two scenes through the camera, and no sets. Of the sets of objects, a
+    controller that is not chosen has only those that it has targets for.
     """
     names = controllers_of(asked, SCENES[0], CONTROLLERS.entries)
     return Study(
-        settings=tasks(asked.quick, names, bool(asked.methods)),
+        settings=tasks(asked.quick, names, asked.methods),
         measure=score_run,
         result=Scores | str,
         report=report_of,
@@ -179,14 +179,14 @@ def report_of(results: Results[ControlRun, Scores | str]) -> Report:
     return Report(rows=tuple(rows), tables=(matrix(rows),), notes=NOTES)
 
 
-def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[ControlRun]:
+def tasks(quick: bool, names: Sequence[str], chosen: Collection[object] = ()) -> list[ControlRun]:
     """Runs of a bench, in the order of its rows.
 
     Parameters
     ----------
     quick: without sets, and with few scenes through the camera
     names: of the controllers
-    everything: every set of objects for each controller, not only those with targets
+    chosen: controllers that have every set of objects, not only those with targets
     """
     runs: list[tuple[str, str, str, Change, int, int | None]] = [
         (scene, path, scene, {}, 1 if path == "truth" or quick else SEEDS, None)
@@ -219,7 +219,7 @@ def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[ControlRu
         )
         for name in names
         for group, path, scene, changes, seeds, specimen in runs
-        if everything or group not in OBJECT_SETS or (name, group) in judged
+        if name in chosen or group not in OBJECT_SETS or (name, group) in judged
         for seed in range(seeds)
     ]
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from ...output.report import Bounds, Report, Row, Table, measured, number, values
+from ...tracking import load_reconstructor
 from ..study import Asked, Study, study
 from ..worlds.dome.across import DESIGN, WORLDS
 from ..worlds.dome.readings import NEAR, UNITS, constant, scores
@@ -23,7 +24,6 @@ from ..worlds.dome.sets import (
     tasks,
 )
 from ..worlds.force_scores import CONSTANT
-from .force_sets import choose
 
 #: Name of the world.
 DOME = "dome"
@@ -87,9 +87,9 @@ def dome_study(asked: Asked) -> Study[DomeTask, DomeResult]:
     `dome/thesis/WORLD/ESTIMATOR/score`. Unless estimators are chosen, those are measured that have
     targets, and those that are compared.
     """
-    own = choose(asked) if asked.methods else {}
+    own = Asked(methods=asked.methods).chosen((), load_reconstructor)
     return Study(
-        settings=tasks(counts_of(asked.quick, asked.only), own),
+        settings=tasks(counts_of(asked.quick, asked.only), own, asked.beside),
         measure=measure_scene,
         result=DomeResult,
         report=lambda results: report_of(by_set(results)),

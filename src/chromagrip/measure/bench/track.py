@@ -123,8 +123,9 @@ def track_study(asked: Asked) -> Study[TrackPart, tuple[Row, ...]]:
     wanted = asked.only or ([scene for scene, _ in TARGETS] if quick else list(SCENES))
     parts = []
     for scene in dict.fromkeys(wanted):
-        few = quick and not asked.methods and scene not in _QUICK_ALL
-        some = {n: c for n, c in chosen.items() if not few or n in (CONSTANT, DEFAULT_TRACKER)}
+        few = quick and scene not in _QUICK_ALL
+        always = (CONSTANT, DEFAULT_TRACKER, *asked.methods)
+        some = {n: c for n, c in chosen.items() if not few or n in always or c in always}
         parts.append(TrackPart("scene", scene, some, QUICK_FRAMES if quick else FRAMES))
     if not asked.only:
         default: dict[str, Choice] = {DEFAULT_TRACKER: DEFAULT_TRACKER}

@@ -42,6 +42,9 @@ HELD = 0.4
 CRUSH = 1000.0
 #: First load of the thesis's experiment [N].
 FIRST_LOAD = LOADS_N[0]
+#: Fields of a setting that are gains, and those of all that a controller does not have.
+_GAINS = ("proportional_n", "integral_n_per_s")
+_FOREIGN: dict[str, tuple[str, ...]] = {"safety-margin": (), "margin-inversion": _GAINS}
 #: Desired margin Γ.
 MARGIN = DESIRED_MARGIN
 
@@ -143,6 +146,11 @@ class LoopCell(LoopSetting):
     pressure_n_per_m: float = np.nan
     root: float
     note: str = ""
+
+    @property
+    def foreign(self) -> tuple[str, ...]:
+        """Fields that its controller does not have: gains of another one, the average of µ."""
+        return _FOREIGN.get(self.controller, (*_GAINS, "window_s"))
 
     @property
     def setting(self) -> LoopSetting:

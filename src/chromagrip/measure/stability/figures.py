@@ -98,7 +98,7 @@ def _text(which: Map[Any], look: Look, cell: Any) -> str:
     number = np.nan
     if which.number and cell.outcome != "dropped":
         number = getattr(cell, which.number[0])
-    return (text if np.isnan(number) else f"{text} {number:.0f}").strip()
+    return (text if np.isnan(number) else f"{text} {number:.{0 if number >= 9.95 else 1}f}").strip()
 
 
 def _swings_too(look: Look, cell: Any) -> str:

@@ -14,6 +14,10 @@ from ..score.intervals import share_interval
 from .report import means, shown
 from .runs import Axis, Plan, SweepCell, words
 
+#: Panels in a row.
+_COLUMNS = 3
+#: Most letters of all values below a panel that stand side by side.
+_MOST_LETTERS = 24
 #: Value, low and high end of its interval.
 Figure = tuple[float, float, float]
 
@@ -22,11 +26,17 @@ def draw_sweep(plan: Plan, cells: Sequence[SweepCell], path: Path) -> None:
     """Draw the map: as cells over two keys, as points with intervals over one, or over scenes."""
     axes = [axis for axis in plan.axes if len(axis[1]) > 1][:2] or [("scene", plan.scenes)]
     others = [name for name, values in plan.axes if len(values) > 1][2:]
-    footnote = f"mean over {', '.join(others)}" if others else ""
+    notes = [f"mean over {', '.join(others)}"] if others else []
+    if len(axes) == 2 and any(one.lost for one in cells):
+        notes.append("in brackets: objects were lost in some runs")
+    footnote = "; ".join(notes)
     panels = {"lost": "share", **shown(cells)}
-    figure = new_figure("", 4.0 * len(panels), 3.6, footnote)
-    places = figure.subplots(1, len(panels))
-    for place, (name, unit) in zip(places, panels.items(), strict=True):
+    rows = math.ceil(len(panels) / _COLUMNS)
+    figure = new_figure("", 4.0 * _COLUMNS, 3.2 * rows, footnote)
+    places = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
+    for place in places[len(panels) :]:
+        place.set_visible(False)
+    for place, (name, unit) in zip(places, panels.items(), strict=False):
         label = f"{name} [{unit}]"
         if len(axes) == 2:
             _field(place, axes[0], axes[1], name, label, _chosen(plan, cells))
@@ -67,20 +77,33 @@ def _field(
     label: str,
     at: Callable[[dict[str, Any]], list[SweepCell]],
 ) -> None:
-    values = np.array(
-        [[_value(name, at({x[0]: a, y[0]: b}))[0] for a in x[1]] for b in y[1]], dtype=float
-    )
+    cells = [[at({x[0]: a, y[0]: b}) for a in x[1]] for b in y[1]]
+    values = np.array([[_value(name, some)[0] for some in row] for row in cells], dtype=float)
+    lost = np.array([[any(one.lost for one in some) for some in row] for row in cells])
     most = 1.0 if name == "lost" else None
+    # A score where an object was lost is no good one, however small: its cell has no colour.
+    shown_values = values if name == "lost" else np.where(lost, np.nan, values)
     place.imshow(
-        values, origin="lower", aspect="auto", cmap="YlOrBr", alpha=0.5, vmin=0.0, vmax=most
+        shown_values, origin="lower", aspect="auto", cmap="YlOrBr", alpha=0.5, vmin=0.0, vmax=most
     )
     for (row, column), value in np.ndenumerate(values):
         text = "–" if math.isnan(value) else f"{value:.3g}"
+        if lost[row, column] and name != "lost":
+            text = f"({text})"
         place.text(column, row, text, ha="center", va="center", fontsize=8, color="0.2")
-    place.set_xticks(range(len(x[1])), [str(a) for a in x[1]])
+    _name_ticks(place, x)
     place.set_yticks(range(len(y[1])), [str(b) for b in y[1]])
     finish(place, y[0], x[0], legend=False, title=label)
     place.grid(visible=False)
+
+
+def _name_ticks(place: Axes, x: Axis) -> None:
+    """Write the values below a panel, turned where they would touch."""
+    names = [str(value) for value in x[1]]
+    place.set_xticks(range(len(names)), names)
+    if sum(map(len, names)) > _MOST_LETTERS:
+        for label in place.get_xticklabels():
+            label.set(rotation=30, ha="right")
 
 
 def _points(
@@ -90,5 +113,5 @@ def _points(
     low, high = found[:, 0] - found[:, 1], found[:, 2] - found[:, 0]
     errors = np.nan_to_num(np.maximum([low, high], 0.0))
     place.errorbar(range(len(x[1])), found[:, 0], yerr=errors, fmt="o-", capsize=3, lw=1.0)
-    place.set_xticks(range(len(x[1])), [str(value) for value in x[1]])
+    _name_ticks(place, x)
     finish(place, label, x[0], legend=False)

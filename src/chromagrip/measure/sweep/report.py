@@ -10,11 +10,15 @@ from ..worlds import scorecard
 from .runs import SCORES, Plan, SweepCell, words
 
 #: Scores in the table, in its order; of one finger, and of two.
-SHOWN = ("settling", "pressure_max", "energy", "chatter")
+SHOWN = ("overloaded", "settling", "pressure_max", "energy", "chatter")
 SHOWN_OF_TWO = ("turn", "displacement", "pressure_max", "energy")
 #: What is lost with one finger.
 _LOST = (
-    "lost: runs in which the object slipped by more than 0.2 mm, or that did not come to their end."
+    "lost: runs in which the object slipped by more than 0.2 mm, or that did not come to their "
+    "end. overloaded: time for which friction cannot hold the load. settling: time from the last "
+    "change of load or friction until Γ stays within 0.05 of its target (0.30 where a controller "
+    "has none); never: it did not, and is left out of the mean. pressure_max: over the width of "
+    "the contact plus one node pitch, lower than what `grasp` prints without it."
 )
 
 
@@ -45,11 +49,15 @@ def of_setting(plan: Plan, cells: Sequence[SweepCell]) -> Iterator[tuple[str, li
 
 def means(cells: Sequence[SweepCell]) -> dict[str, tuple[float, float, float]]:
     """Mean of each score and its interval, over the runs that came to their end."""
-    ended = [{name: getattr(one, name) for name in SCORES} for one in cells if not one.failed]
+    ended = [
+        {name: value for name in SCORES if (value := getattr(one, name)) != math.inf}
+        for one in cells
+        if not one.failed
+    ]
     bounds = intervals(ended)
     found = {}
     for name in SCORES:
-        values = [one[name] for one in ended]
+        values = [one[name] for one in ended if name in one]
         mean = math.fsum(values) / len(values) if values else math.nan
         found[name] = (mean, *bounds.get(name, (math.nan, math.nan)))
     return found
@@ -87,13 +95,22 @@ def _table(plan: Plan, cells: Sequence[SweepCell]) -> Table:
             (
                 *(str(setting[name]) for name in names),
                 f"{lost} of {len(some)} [{low:.0%}, {high:.0%}]",
-                *(_cell(found[score]) for score in shown(cells)),
+                *(_cell(found[score], _never(some, score)) for score in shown(cells)),
             )
         )
     heads = tuple(f"{score} [{unit}]" for score, unit in shown(cells).items())
     return Table(header=(*names, "lost", *heads), lines=tuple(lines), keys=max(len(names), 1))
 
 
-def _cell(found: tuple[float, float, float]) -> str:
+def _never(cells: Sequence[SweepCell], score: str) -> str:
+    """How many runs have no finite value of a score, in words."""
+    count = sum(getattr(one, score) == math.inf for one in cells)
+    return f"never in {count} of {len(cells)}" if count else ""
+
+
+def _cell(found: tuple[float, float, float], never: str) -> str:
     mean, low, high = (number(x if math.isfinite(x) else None) for x in found)
-    return mean if low == "–" else f"{mean} [{low}, {high}]"
+    if never and mean == "–":
+        return never
+    value = mean if low == "–" else f"{mean} [{low}, {high}]"
+    return f"{value}, {never}" if never else value

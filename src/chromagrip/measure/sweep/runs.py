@@ -69,7 +69,7 @@ class SweepCell:
     """What came of one run.
 
     The scores are those of `scorecard`, of two fingers those of `pinches.scores`. They are NaN of
-    a run that failed, and where there is none.
+    a run that failed, and where there is none. `settling` is infinite where Γ never settled.
 
     Attributes
     ----------
@@ -140,6 +140,11 @@ def tasks(plan: Plan) -> list[SweepRun]:
     return made
 
 
+def end_of(scene: Scene) -> float:
+    """Time from the last change of load or friction to the last frame [s]."""
+    return (scene.frames - 1) * scene.period - scene.last_change - 1e-6
+
+
 def cell(task: SweepRun) -> SweepCell:
     """Make one run."""
     found: dict[str, float] = {}
@@ -147,6 +152,8 @@ def cell(task: SweepRun) -> SweepCell:
     try:
         result = run(task.scene, answer_within_s=task.answer_within_s)
         found = {1: scores, 2: pinch_scores}[task.scene.fingers](result)
+        if found.get("settling", 0.0) >= end_of(task.scene) > 0.0:
+            found["settling"] = math.inf
     except UserError as error:
         failed = str(error)
     return SweepCell(

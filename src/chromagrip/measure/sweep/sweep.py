@@ -11,7 +11,7 @@ from ..stability.panels import picture_section
 from ..study import Study
 from .picture import draw_sweep
 from .report import sweep_report
-from .runs import Plan, SweepCell, cell, tasks
+from .runs import Plan, SweepCell, cell, tasks, words
 
 #: All runs, and the map.
 RUNS, MAP = "runs.csv", "map.png"
@@ -54,6 +54,7 @@ def sweep(
 
 
 def _show(plan: Plan, cells: list[SweepCell], out: Path) -> list[PageSection]:
-    write_cells(cells, out / RUNS)
+    varied = {words(setting): setting for setting in plan.settings()}
+    write_cells(cells, out / RUNS, lambda one: varied[one.setting])
     draw_sweep(plan, cells, out / MAP)
     return [picture_section("map", out / MAP, "Scores over what is varied")]

@@ -39,9 +39,9 @@ SCORES: dict[str, tuple[str, Callable[[Array], float]]] = {
 NOTES = (
     "gross: number of runs that slip by more than 0.2 mm. displacement: of the object over the "
     "fingertip, the largest. overloaded: longest time for which friction cannot hold the load.",
-    "settling: time from the last change of load or friction to the last exit of Γ from 0.30 ± "
-    "0.05, or to the end; 90th percentile. overshoot: largest excess of Γ over 0.30 after that "
-    "change.",
+    "settling: time from the last change of load or friction to the last exit of Γ from its "
+    "target ± 0.05, or to the end; 90th percentile. overshoot: largest excess of Γ over its target "
+    "after that change. A controller without a target has 0.30.",
     "pressure: over the width of the contact plus one node pitch. energy: ∫(dF/dt)² of the "
     "command. chatter: Σ|ΔF| per second over the last 0.5 s. All three are means over the runs.",
     "worst: each score of the worst run of any scene.",
@@ -51,6 +51,7 @@ NOTES = (
 def scores(result: Result) -> dict[str, float]:
     """Scores of a run, by the names of SCORES."""
     trace, scene = result.trace, result.scene
+    target = DESIRED_MARGIN if scene.target_margin is None else scene.target_margin
     holds = trace["mu_true"] * trace["normal_true_n"]
     pressure = trace["pressure_pitch_n_per_m"]
     touching = trace["contact_nodes"] > 0.0
@@ -60,8 +61,8 @@ def scores(result: Result) -> dict[str, float]:
         "displacement": displacement,
         "overloaded": scene.period
         * float((abs(trace["load_n"][touching]) > holds[touching]).sum()),
-        "settling": settling(trace, scene.last_change),
-        "overshoot": overshoot(trace, scene.last_change),
+        "settling": settling(trace, scene.last_change, target),
+        "overshoot": overshoot(trace, scene.last_change, target),
         "pressure_max": float(pressure.max()),
         "pressure_mean": float(pressure[touching].mean()) if touching.any() else 0.0,
         **of_command(trace, scene.period),
@@ -78,22 +79,22 @@ def of_command(trace: Trace, period: float) -> dict[str, float]:
     }
 
 
-def settling(trace: Trace, since: float) -> float:
+def settling(trace: Trace, since: float, target: float = DESIRED_MARGIN) -> float:
     """Time from an instant to the last exit of the true Γ from its band, or to the end [s]."""
     time, margin = trace["time_s"], trace["margin_true"]
     # Without contact there is no margin, and nothing has settled.
-    outside = (time > since + 1e-9) & ~(abs(margin - DESIRED_MARGIN) <= BAND)
+    outside = (time > since + 1e-9) & ~(abs(margin - target) <= BAND)
     last = np.flatnonzero(outside)
     if not len(last):
         return 0.0
     return float(time[min(last[-1] + 1, len(time) - 1)]) - since
 
 
-def overshoot(trace: Trace, since: float) -> float:
-    """Largest excess of the true Γ over the desired one after an instant [points]."""
+def overshoot(trace: Trace, since: float, target: float = DESIRED_MARGIN) -> float:
+    """Largest excess of the true Γ over its target after an instant [points]."""
     margin = trace["margin_true"][trace["time_s"] > since + 1e-9]
     margin = margin[np.isfinite(margin)]
-    return 100.0 * max(float(margin.max()) - DESIRED_MARGIN, 0.0) if len(margin) else 0.0
+    return 100.0 * max(float(margin.max()) - target, 0.0) if len(margin) else 0.0
 
 
 def together(runs: Sequence[Mapping[str, float]]) -> dict[str, float]:

@@ -118,6 +118,11 @@ class GripCell(GripSetting):
     note: str = ""
 
     @property
+    def foreign(self) -> tuple[str, ...]:
+        """Fields that its world does not have."""
+        return {"dome": ("mass_g", "offset_mm", "turn_deg"), "pinch": ("load_n",)}[self.world]
+
+    @property
     def setting(self) -> GripSetting:
         """Setting of the grip."""
         return GripSetting(

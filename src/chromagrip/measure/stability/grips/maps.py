@@ -33,6 +33,8 @@ _LIFTED = (200.0, 600.0)
 _FINE = 40
 #: Panels in a row.
 _COLUMNS = 2
+#: Number that a cell shows, with its meaning: a grip that is far too strong holds as well.
+_GRIP = ("grip_n", "grip at the end [N]")
 #: Controllers that follow the load.
 _FOLLOWING = ("safety-margin", "margin-inversion")
 #: Labels of the boundaries, with their line styles.
@@ -111,6 +113,7 @@ def _rates(quick: bool, what: str, titles: Sequence[str], bases: Sequence[GripSe
         columns=_COLUMNS,
         panels=tuple(fields),
         lines=_rate_lines,
+        number=_GRIP,
     )
 
 
@@ -139,7 +142,7 @@ def _masses(quick: bool, own: Sequence[str]) -> Map:
         columns=_COLUMNS,
         panels=_controllers((*_FOLLOWING, *own), _few(_MASSES, quick), _few(_MU, quick)),
         lines=_mass_lines,
-        number=("grip_n", "grip at the end [N]"),
+        number=_GRIP,
     )
 
 

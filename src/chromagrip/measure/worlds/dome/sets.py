@@ -1,6 +1,6 @@
 """Scenes of the world `dome`, and what estimators read in them, in one process for each core."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,7 +90,9 @@ def counts_of(quick: bool, groups: Sequence[str]) -> dict[tuple[str, str], int]:
 
 
 def tasks(
-    counts: Mapping[tuple[str, str], int], reconstructors: Mapping[str, Choice]
+    counts: Mapping[tuple[str, str], int],
+    reconstructors: Mapping[str, Choice],
+    beside: bool = False,
 ) -> list[DomeTask]:
     """Scenes of some sets.
 
@@ -98,17 +100,23 @@ def tasks(
     ----------
     counts: of scenes by design and set
     reconstructors: by name; none are those of `readers_of`
+    beside: whether those are taken as well
     """
     return [
         DomeTask(
             design=design,
             kind=kind,
             index=index,
-            reconstructors=reconstructors or {name: name for name in readers_of(design, kind)},
+            reconstructors={**ours, **reconstructors},
         )
         for (design, kind), count in counts.items()
+        for ours in [_names(readers_of(design, kind) if beside or not reconstructors else ())]
         for index in range(count)
     ]
+
+
+def _names(some: Iterable[str]) -> dict[str, Choice]:
+    return {name: name for name in some}
 
 
 def by_set(results: Results[DomeTask, DomeResult]) -> dict[tuple[str, str], DomeResult]:
