@@ -2,6 +2,7 @@
 
 import functools
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -112,6 +113,31 @@ def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) ->
     spots = [find_spots(density, field, parted=True) for density in densities]
     ratio = np.where(field[..., None], linear / np.maximum(ground, 1e-4), np.float32(1.0))
     return _markers(spots, levels, ratio, palette)
+
+
+def whole_places(rest: RestFrame, palette: Palette) -> NDArray[np.bool_] | None:
+    """Places of a marker's centre where all of it lies in the field, shape (H, W).
+
+    Beyond, a tracker sees a part of the disc, and places it too far inside. None of a known
+    sensor, whose rim is modelled.
+    """
+    if palette.sensor is not None:
+        return None
+    field = (rest.ground[..., 0] > 0.0).astype(np.uint8)
+    blur = 2.0  # of an ordinary lens [px]
+    # The edge of the picture ends a field as well.
+    away: Any = cv2.distanceTransform(np.pad(field, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(away[1:-1, 1:-1] > float(rest.radius.max()) + blur)
+
+
+def at_places(mask: NDArray[np.bool_], position: Array) -> NDArray[np.bool_]:
+    """Values of a mask at the nearest pixels of positions (..., 2); False where one is unknown."""
+    height, width = mask.shape
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(position).all(axis=-1))
+    x, y = np.moveaxis(np.rint(np.where(known[..., None], position, -1.0)).astype(int), -1, 0)
+    inside: NDArray[np.bool_] = known & (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    found: NDArray[np.bool_] = mask[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
+    return np.asarray(inside & found)
 
 
 def resting_ground(image: Levels, palette: Palette) -> Array:

@@ -47,7 +47,12 @@ class SightSettings:
     unlike: largest standard deviation of the logarithm of the areas; random radii within a factor
         of two have 0.4
     row: smallest standard deviation of positions along the pattern's short axis [pitches]
-    margin: distance between the outermost markers and the edge of the field [pitches]
+    margin: distance between the outermost markers and the edge of the field [pitches], where the
+        ground does not go on
+    ground_reach: width over which ground further out is compared with that in the field [pitches]
+    ground_alike: largest difference of ground further out, as a share of its level
+    ground_rounding: what is added to it [grey levels]
+    ground_least: smallest share of the field's ground in the mean that it is compared with
     """
 
     longest_side: int = 1280
@@ -71,6 +76,10 @@ class SightSettings:
     unlike: float = 0.65
     row: float = 0.6
     margin: float = 0.75
+    ground_reach: float = 0.75
+    ground_alike: float = 0.12
+    ground_rounding: float = 4.0
+    ground_least: float = 1e-3
 
 
 class Spots(NamedTuple):
@@ -155,10 +164,11 @@ def sight(
     middle, half = (scale - 1.0) / 2.0, settings.margin * best.pitch * scale
     places = np.concatenate([s.position * scale + middle for s in alike])
     radius = scale * np.sqrt(np.concatenate([s.area for s in alike]) / np.pi)
-    field = _around(places, half, image.shape[:2])
+    field, spots = _around(places, half, image.shape[:2]), _discs(places, radius, image.shape[:2])
+    field = _with_ground(image, field, spots, scale * best.pitch, settings)
     return Sighting(
         field=field if within is None else field & within,
-        spots=_discs(places, radius, image.shape[:2]),
+        spots=spots,
         bright=best.bright,
         position=best.position * scale + middle,
         radius=scale * float(np.sqrt(np.median(best.area) / np.pi)),
@@ -313,6 +323,40 @@ def _discs(position: Array, radius: Array, shape: tuple[int, ...]) -> Mask:
     for (x, y), r in zip(position, radius, strict=True):
         cv2.circle(drawn, (round(x), round(y)), max(1, round(1.4 * r)), 1, -1)
     return drawn > 0
+
+
+def _with_ground(
+    image: Image, field: Mask, spots: Mask, pitch: float, settings: SightSettings
+) -> Mask:
+    """Field and the ground around it that looks like its own, on which markers may move.
+
+    A housing, a frame or a table looks otherwise, or lies behind something that does.
+    """
+    # The comparison is of smooth light: a coarse picture is enough.
+    step = max(1, int(pitch / 8.0))
+    size = (image.shape[1] // step, image.shape[0] // step)
+    small = cv2.resize(cv2.blur(image, (3, 3)), size, interpolation=cv2.INTER_AREA)
+    light = np.asarray(small, dtype=np.float32)
+    inner, dark = (
+        np.asarray(cv2.resize(one.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)) > 0
+        for one in (field, spots)
+    )
+    plain = (inner & ~dark).astype(np.float32)
+    reach = settings.ground_reach * pitch / step
+    share: Any = cv2.GaussianBlur(plain, (0, 0), reach)
+    ground: Any = cv2.GaussianBlur(light * plain[..., None], (0, 0), reach)
+    ground /= np.maximum(share, 1e-6)[..., None]
+    off = abs(light - ground).max(axis=2)
+    alike = off < settings.ground_alike * ground.max(axis=2) + settings.ground_rounding
+    alike &= share > settings.ground_least
+    grown = (alike | inner).astype(np.uint8)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
+    opened = np.asarray(cv2.morphologyEx(grown, cv2.MORPH_OPEN, kernel)) > 0
+    grown = (opened | inner).astype(np.uint8)
+    _, part = cv2.connectedComponents(grown, connectivity=4)
+    joined = np.isin(part, np.unique(np.asarray(part)[inner])) & (grown > 0)
+    wide: Any = cv2.resize(joined.astype(np.uint8), image.shape[1::-1])
+    return field | (wide > 0)
 
 
 def _around(position: Array, reach: float, shape: tuple[int, ...]) -> Mask:

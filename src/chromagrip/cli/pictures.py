@@ -236,8 +236,8 @@ def _add_assumed(table: Table, found: "Assumed") -> None:
     if found["field_px"] is not None:
         left, top, width, height = found["field_px"]
         words = f"{width}×{height} px at ({left}, {top})"
-        given = found["field_given"]
-        table.add_row("sensor", f"{words}, as given" if given else f"{words}, found")
+        where = "found in what --crop or --mask leaves" if found["field_given"] else "found"
+        table.add_row("sensor", f"{words}, {where}")
         table.add_row(
             "markers",
             f"radius {found['marker_radius_px']:.1f} px, {found['marker_distance_px']:.1f} px "
