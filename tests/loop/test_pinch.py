@@ -373,3 +373,14 @@ def test_what_is_added_is_in_trace_and_summary() -> None:
 def test_a_time_in_which_nobody_can_answer_is_refused() -> None:
     with pytest.raises(UserError, match="must be above 0; inf is no limit"):
         run(scene(), answer_within_s=-1.0)
+
+
+@pytest.mark.parametrize("mass", [1500.0, 1600.0])
+def test_a_grasp_ends_where_the_object_is_dropped(mass: float) -> None:
+    """15 N and µ 0.5 bear 2·0.5·15/9.81 = 1.53 kg; what is left in the hand is not simulated."""
+    scene = load_scene("pinch-lift", {"path": "truth", "pinch.mass_g": mass})
+    result = run(scene)
+    assert (result.summary["outcome"], result.summary["complete"]) == ("dropped", True)
+    slide = result.trace["slide_mm"]
+    assert slide[-1] > scene.pinch.dropped_mm > slide[-2]
+    assert len(result.trace) < scene.frames

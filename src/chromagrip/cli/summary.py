@@ -91,6 +91,8 @@ def _rows_of_two(summary: "Summary", number: Number) -> Iterator[tuple[str, str]
     mass, final = summary["mass_g"], summary["final_mass_g"]
     filled = "" if final in (None, mass) else f", {final:g} g at the end"
     stands = "" if summary["lifted"] else ", on the table at the end"
+    if summary["outcome"] == "dropped":
+        stands = f" at {summary['duration_s']:.2f} s, where the run ends"
     yield "the object", f"{mass:g} g{filled}: {summary['outcome']}{stands}"
     yield (
         "smaller margin at the end",

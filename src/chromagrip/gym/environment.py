@@ -196,7 +196,8 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             reward = -DROP_COST
         # On a chain the model fails if a load acts on an object without contact.
         dropped = status.outcome == "dropped" or (bool(gave_up) and not status.touched)
-        terminated, truncated = status.outcome != "held" or bool(gave_up), self._rig.done
+        terminated = status.outcome != "held" or bool(gave_up)
+        truncated = self._rig.done and status.outcome != "dropped"
         self._over = terminated or truncated
         info = self._info(status, dropped)
         if gave_up:

@@ -140,8 +140,9 @@ class Rig:
 
     @property
     def done(self) -> bool:
-        """True at the scene's last frame."""
-        return self._index + 1 == self.scene.frames
+        """True at the scene's last frame, and at the one in which two fingers drop their object."""
+        over = self._index >= 0 and self._world.over
+        return over or self._index + 1 == self.scene.frames
 
     @property
     def arrived(self) -> tuple[Arrived, ...]:
@@ -194,8 +195,8 @@ class Rig:
         Raises
         ------
         UserError
-            Before `reset`; after the scene's last frame; for a force that is not finite or is
-            negative; when the model fails.
+            Before `reset`; when the grasp is done; for a force that is not finite or is negative;
+            when the model fails.
         """
         self._check_begun("step()")
         if self.done:

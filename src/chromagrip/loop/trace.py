@@ -148,7 +148,7 @@ def summarise(
         "without_estimate": len(reasons),
         "without_estimate_because": counted_kinds(reasons),
         "seed": scene.seed,
-        "complete": len(trace) == scene.frames,
+        "complete": len(trace) == scene.frames or _outcome(trace) == "dropped",
         "frames": len(trace),
         "duration_s": float(trace["time_s"][-1]) if len(trace) else 0.0,
         "frames_per_second": (len(trace) - 1) / spent.loop if spent.loop > 0 else math.nan,
@@ -222,7 +222,7 @@ def _of_two(scene: Scene, trace: Trace) -> Summary:
         "mass_g": scene.pinch.mass_g,
         "final_mass_g": _last(trace["mass_g"]),
         "lifted": bool(len(trace) and not trace["table_n"][-1]),
-        "outcome": OUTCOMES[int(trace["outcome"][-1])] if len(trace) else None,
+        "outcome": _outcome(trace),
         "final_margin_true": _last(margins.min(axis=0)),
         "final_limit_margin_true": _last(limits.min(axis=0)),
         "smallest_limit_margin_true": _smallest(limits[:, lifted].ravel()),
@@ -268,6 +268,13 @@ def _reactions(scene: Scene, trace: Trace) -> list[dict[str, float]]:
     steps = np.flatnonzero(np.diff(trace["grip_n"]) > 0.9 * scene.react_to_slip.step_n)
     names = ("time_s", "lateral_displacement_mm")
     return [{name: float(trace[name][k + 1]) for name in names} for k in steps]
+
+
+def _outcome(trace: Trace) -> str | None:
+    """Outcome of two fingers so far; None with one finger, and before the first frame."""
+    if "outcome" not in trace.columns or not len(trace):
+        return None
+    return OUTCOMES[int(trace["outcome"][-1])]
 
 
 def _last(column: Array) -> float:

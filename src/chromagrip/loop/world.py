@@ -63,12 +63,14 @@ class World(Generic[Held]):
     exposed: the same at the middle of the frame's exposure
     applied: force of the gripper's drive [N]
     forces: grip and load of the last step [N], shape (2,); infinite before the first one
+    over: whether the grasp ends here, as the object was dropped
     """
 
     now: Held
     exposed: Held
     applied: float
     forces: Array
+    over: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

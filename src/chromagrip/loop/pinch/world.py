@@ -94,6 +94,7 @@ class PinchPlant:
             exposed=exposed if clock.exposure else now,
             applied=applied,
             forces=forces[-1],
+            over=now.record.dropped,
         )
 
     def changed(self, world: World[Pinched], scene: Scene) -> World[Pinched]:

@@ -124,7 +124,9 @@ def _two_words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
         f"{summary['largest_turn_deg']:.1f}° and slid by {summary['slide_mm']:.2f} mm, under up to "
         f"{summary['max_pressure_kpa']:.0f} kPa; {bounds}."
     )
-    if not summary["lifted"]:
+    if summary["outcome"] == "dropped":
+        yield f"It was dropped at {summary['duration_s']:.2f} s, where the run ends."
+    elif not summary["lifted"]:
         yield "The table still carried a part of the weight at the end."
     name = "The smaller margin, with torsion,"
     yield _margin_words(scene, name, summary["final_limit_margin_true"], None)
