@@ -288,7 +288,7 @@ def plan(
 
     Example: chromagrip plan margin-60hz --tolerance 0.1
     """
-    from ..loop.fidelity import TABLE, choose, expected, read
+    from ..loop.fidelity import ALIKE, SAFETY, TABLE, choose, expected, read
 
     loaded = load_scene(scene, changes_of(changes), allow=allow)
     if tolerance is None:
@@ -297,6 +297,7 @@ def plan(
             {
                 "changes": one.changes(loaded),
                 "milliseconds": one.milliseconds,
+                "margin_error_typical": one.typical,
                 "margin_error": one.error,
             }
             for one in found
@@ -305,11 +306,21 @@ def plan(
             print(json.dumps({"choices": choices}, ensure_ascii=False))
             return 0
         lines = [
-            (one.fidelity.name, f"{one.milliseconds:.2g}", f"{one.error:.3f}") for one in found
+            (
+                one.fidelity.name,
+                f"{one.milliseconds:.2g}",
+                f"{one.typical:.3f}",
+                f"{one.error:.3f}",
+            )
+            for one in found
         ]
-        table = Table(("methods and steps", "ms a frame", "error of Γ"), tuple(lines))
-        print(*table_lines(table), sep="\n")
-        print("give --tolerance for the cheapest that keeps Γ within it, as a command")
+        header = ("methods and steps", "ms a frame", "error of Γ", "at most")
+        print(*table_lines(Table(header, tuple(lines))), sep="\n")
+        print(
+            f"error of Γ: RMS, the median of the {ALIKE} measured situations most like this scene; "
+            f"at most: {SAFETY:g} times the largest of them.\n"
+            "--tolerance gives the cheapest choice whose `at most` keeps within it, as a command."
+        )
         return 0
     choice = choose(tolerance, loaded, read(TABLE))
     if json_only:

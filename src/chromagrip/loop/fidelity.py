@@ -126,11 +126,13 @@ class Expected:
     ----------
     fidelity: methods and steps
     milliseconds: time for a frame [ms]
-    error: RMS error of Γ, with a safety factor
+    typical: RMS error of Γ, the median of the situations most like the scene's
+    error: the largest of them, with a safety factor
     """
 
     fidelity: Fidelity
     milliseconds: float
+    typical: float
     error: float
 
     def changes(self, scene: Scene) -> Values:
@@ -161,6 +163,9 @@ class Choice:
     lines: tuple[str, ...]
 
 
+#: Number of measured situations most like a scene's that its error is taken from, and the factor
+#: on the largest of them.
+ALIKE, SAFETY = 3, 1.25
 #: Table of measured fidelities; `./run bench fidelity` of the checkout makes it.
 TABLE = Path(str(files(__package__) / "fidelity.csv"))
 
@@ -221,10 +226,15 @@ def expected(scene: Scene, measured: Sequence[Measured]) -> list[Expected]:
             cells_of.setdefault(m.fidelity, []).append(m)
     found = []
     for fidelity, cells in cells_of.items():
-        like = sorted(cells, key=lambda m: _distance(m, scene))[:3]
-        error = 1.25 * max(m.error for m in like)  # with a safety factor
-        spent = float(np.median([m.milliseconds for m in cells]))
-        found.append(Expected(fidelity=fidelity, milliseconds=spent, error=error))
+        like = [m.error for m in sorted(cells, key=lambda m: _distance(m, scene))[:ALIKE]]
+        found.append(
+            Expected(
+                fidelity=fidelity,
+                milliseconds=float(np.median([m.milliseconds for m in cells])),
+                typical=float(np.median(like)),
+                error=SAFETY * max(like),
+            )
+        )
     if not found:
         raise UserError(f"no fidelity was measured on the {scene.path} path")
     return sorted(found, key=lambda one: one.milliseconds)
