@@ -773,3 +773,14 @@ def test_a_damaged_table_of_arrays_is_named(tiny: Path, tmp_path: Path, spoil: s
     kinds = {"frame": "int32", "normal_n": "float64", "word": "string"}
     with pytest.raises(UserError, match=r"frames\.npz is damaged: .*copy the dataset again"):
         read_table(path, 7, kinds)
+
+
+def test_parts_come_near_their_shares_of_sequences_though_shapes_are_unevenly_many(
+    tmp_path: Path,
+) -> None:
+    """Radii 8, 8, 8, 8, 20, 50: by shapes alone, halves would have five sequences and one."""
+    draw = {"object.radius_mm": {"each": [8.0, 8.0, 8.0, 8.0, 20.0, 50.0]}}
+    make(replace(TINY, sequences=6, draw={**TINY.draw, **draw}), tmp_path / "data")
+    for seed in range(6):
+        parts = split(tmp_path / "data", {"train": 0.5, "test": 0.5}, seed)
+        assert sorted(len(names) for names in parts.values()) == [2, 4]

@@ -234,13 +234,15 @@ def split(
 
     Example: chromagrip dataset split data --shares train=0.9,test=0.1 --by object
     """
-    from ..dataset.remote import fetched
+    from ..dataset.remote import SPLIT, fetched
     from ..dataset.split import shared_shapes, values_of_parts
     from ..dataset.split import split as split_dataset
     from ..output.report import Table, table_lines
 
     check_least(seed=(seed, 0))
-    parts = split_dataset(folder, _shares(shares), seed, by=by, follow_links=follow_links)
+    asked, kept = _shares(shares), fetched(folder, follow_links) / SPLIT
+    before = kept.read_bytes() if kept.is_file() else None
+    parts = split_dataset(folder, asked, seed, by=by, follow_links=follow_links)
     counts = {name: len(names) for name, names in parts.items()}
     if json_only:
         print_values(counts, json_only)
@@ -252,7 +254,17 @@ def split(
     print(*table_lines(Table(("", *parts), tuple(lines))), sep="\n")
     for sentence in shared_shapes(there, parts):
         print(f"{sentence}: --by shape keeps a shape in one part")
+    found = {name: count / max(sum(counts.values()), 1) for name, count in counts.items()}
+    if any(abs(found[name] - share) > _FAR for name, share in asked.items()):
+        got = ", ".join(f"{name} {share:.0%}" for name, share in found.items())
+        print(f"the parts have {got} of the sequences: those of one {by} stay together")
+    if before not in (None, kept.read_bytes()):
+        print("an earlier split.json was replaced")
     return 0
+
+
+#: Largest difference of a part's share from the one asked for that is not told.
+_FAR = 0.1
 
 
 def _shares(text: str) -> dict[str, float]:

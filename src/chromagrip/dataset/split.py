@@ -71,18 +71,22 @@ def split(
             f"{folder} differs in {len(keys)} of {by}, too few for {len(shares)} parts{advice}"
         )
     order = np.random.default_rng([seed, crc32(b"split")]).permutation(len(keys))
-    ends = np.rint(np.cumsum(list(shares.values())) * len(keys)).astype(int)
-    # Every part has at least one group.
-    for k in range(len(ends)):
-        ends[k] = min(max(ends[k], k + 1), len(keys) - (len(ends) - 1 - k))
-    parts = {
-        name: sorted(each for at in order[low:high] for each in groups[keys[at]])
-        for name, low, high in zip(shares, [0, *ends[:-1]], ends, strict=True)
-    }
+    parts = _filled([groups[keys[at]] for at in order], shares)
     write_whole(folder / SPLIT, (json.dumps(parts, indent=1) + "\n").encode())
     if is_address(address):
         put(folder / SPLIT, os.fspath(address))
     return parts
+
+
+def _filled(groups: list[list[str]], shares: dict[str, float]) -> dict[str, list[str]]:
+    """Parts with whole groups: each, the largest first, goes where the most names are lacking."""
+    parts: dict[str, list[str]] = {name: [] for name in shares}
+    total = sum(map(len, groups))
+    for k, group in enumerate(sorted(groups, key=len, reverse=True)):
+        empty = [name for name, names in parts.items() if not names]
+        open_to = empty if len(groups) - k <= len(empty) else shares
+        parts[max(open_to, key=lambda name: shares[name] * total - len(parts[name]))] += group
+    return {name: sorted(names) for name, names in parts.items()}
 
 
 def read_split(folder: Path) -> dict[str, list[str]]:
