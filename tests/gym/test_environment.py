@@ -11,7 +11,7 @@ from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
 import chromagrip.gym
 from chromagrip import UserError, load_scene
-from chromagrip.gym.environment import DROP_COST, GripEnv
+from chromagrip.gym.environment import DROP_COST, GripEnv, _most_n
 from chromagrip.gym.observations import FORCES, MARGIN
 
 NAME = "chromagrip/Grasp-v0"
@@ -280,3 +280,13 @@ def test_an_action_that_is_no_number_is_refused() -> None:
 def test_columns_are_as_many_as_values() -> None:
     for observation, columns in (("margin", MARGIN), ("forces", FORCES)):
         assert made(observation=observation).reset(seed=0)[0].shape == (len(columns),)
+
+
+@pytest.mark.parametrize("scene", ["chromatouch-2022", "camera-100hz", "pinch-lift"])
+def test_the_largest_grip_holds_the_load_with_room_to_spare(scene: str) -> None:
+    """Γ = 1 − load/(µ·grip): at half of the largest grip it is at least the usual target of 0.3."""
+    loaded = load_scene(scene, {"path": "truth"})
+    load = {1: max(loaded.load.forces_n), 2: 0.5e-3 * 9.81 * loaded.pinch.mass_g}[loaded.fingers]
+    most = _most_n(loaded)
+    assert 1.0 - load / (loaded.object.friction * 0.5 * most) >= 0.3 - 1e-9
+    assert most >= 5.0

@@ -29,7 +29,7 @@ from ..loop.pinch.stage import Stage, draw_side, set_stage
 from ..loop.rig import Rig, RigState
 from ..output.processes import one_thread
 from ..scene.fingers import build_pinch, fingers
-from ..scene.scene import PathName, load_scene
+from ..scene.scene import PathName, Scene, load_scene
 from ..sensing.reader import Reading
 from ..tracking import Tracks
 from .observations import Image, ObservationName, observation_of, observed, space_of
@@ -76,7 +76,8 @@ class GripEnv(gymnasium.Env[Observation, Action]):
     action: `force` or `rate` of the force
     path: path from which `margin` and `forces` come (default `truth`, which is fast)
     changes: changes to the scene, by dotted key, such as `{"object.friction": 0.3}`
-    most_n: largest grip force (default 5) [N]
+    most_n: largest grip force (default: 5, or twice what holds the scene's largest load with a
+        margin of 0.3, if that is more) [N]
     rate_n_per_s: largest rate of the grip force (default 20) [N/s]
     dropped_mm: sliding of the whole contact that counts as a drop with one finger [mm] (default
         1; with two fingers `pinch.dropped_mm` of the scene)
@@ -102,7 +103,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         action: Literal["force", "rate"] = "force",
         path: PathName | None = None,
         changes: Mapping[str, Any] | None = None,
-        most_n: float = 5.0,
+        most_n: float | None = None,
         rate_n_per_s: float = 20.0,
         dropped_mm: float | None = None,
         render_mode: str | None = None,
@@ -121,13 +122,14 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         self._name, self._changes, self._allow = scene, dict(changes or {}), allow
         self._path = _path_of(observation, path)
         self._kind, self._action = observation, action
-        self._most, self._rate, self._limit = most_n, rate_n_per_s, dropped_mm
+        self._rate, self._limit = rate_n_per_s, dropped_mm
         self.render_mode = render_mode
         self._window: Window | None = None
         self._opened: dict[str, Any] | None = None
         self._stage: Stage | None = None
         self._rig = self._open({})
         opened = self._rig.scene
+        self._most = _most_n(opened) if most_n is None else most_n
         self.metadata = {**self.metadata, "render_fps": opened.camera.rate_hz}
         each = fingers(opened)
         rests: list[Tracks | None] = [None for _ in each]
@@ -324,6 +326,16 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         pictures = self._path == "camera" or self._kind == "image" or self.render_mode is not None
         two = self._rig.scene.fingers > 1  # their steps solve with BLAS
         return one_thread() if pictures or two else nullcontext()
+
+
+def _most_n(scene: Scene) -> float:
+    """Largest grip force of an environment that is given none [N]."""
+    usual, times, gravity = 5.0, 2.0, 9.81
+    loads = {1: max(map(abs, scene.load.forces_n), default=0.0)}
+    loads[2] = 0.5e-3 * scene.pinch.mass_g * gravity  # each finger bears a half
+    margin = scene.target_margin or 0.3
+    needed = loads[scene.fingers] / (scene.object.friction * (1.0 - margin))
+    return max(usual, times * needed)
 
 
 def _path_of(observation: ObservationName, path: PathName | None) -> PathName:
