@@ -110,17 +110,18 @@ class TractionPicture:
     def legend(self, canvas: Image, place: tuple[int, int], magnified: bool = True) -> None:
         """Write the meaning of colours and arrows on a picture, from a place downwards [px]."""
         (x, y), row, bar = place, 20, 60  # height of a line, and width of the bar of colours [px]
+        left = x + 78  # edge of what the words explain
         kilopascals = self.top / 1e3
         share = np.linspace(0.0, 1.0, bar)
-        canvas[y - 10 : y, x + 74 : x + 74 + bar] = _colours(share)
-        cv2.rectangle(canvas, (x + 74, y - 10), (x + 73 + bar, y), OUTLINE, 1)
+        canvas[y - 10 : y, left : left + bar] = _colours(share)
+        cv2.rectangle(canvas, (left, y - 10), (left + bar - 1, y), OUTLINE, 1)
         write(canvas, "pressure 0", (x, y))
-        write(canvas, f"{kilopascals:g} kPa", (x + 80 + bar, y))
+        write(canvas, f"{kilopascals:g} kPa", (left + 6 + bar, y))
         write(canvas, "friction", (x, y + row))
         length = int(self._arrow / 4 / (1 if magnified else ZOOM))
-        start, end = (x + 74, y + row - 4), (x + 74 + length, y + row - 4)
+        start, end = (left, y + row - 4), (left + length, y + row - 4)
         cv2.arrowedLine(canvas, start, end, STICKS, 1, cv2.LINE_AA, tipLength=0.25)
-        write(canvas, f"{kilopascals / 4:g} kPa", (x + 80 + bar, y + row))
+        write(canvas, f"{kilopascals / 4:g} kPa", (left + 6 + bar, y + row))
         write(canvas, "black: sticks", (x, y + 2 * row))
         write(canvas, "orange: slips", (x + 110, y + 2 * row), SLIPS)
 
