@@ -54,7 +54,7 @@ def test_a_run_leaves_its_folder(tmp_path: Path, typed: Typed) -> None:
         stream = video.streams.video[0]
         frames = list(video.decode(video=0))
     assert len(frames) == 7
-    assert (frames[0].width, frames[0].height) == (1600, 510)
+    assert (frames[0].width, frames[0].height) == (1216, 510)
     assert stream.codec_context.pix_fmt == "yuv444p"
 
     assert (out / "figure.png").read_bytes()[:4] == b"\x89PNG"

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import math
 import os
 import shutil
 import signal
@@ -25,6 +26,7 @@ from chromagrip import UserError
 from chromagrip.cli.pictures import estimate
 from chromagrip.dataset import folder as dataset_folder
 from chromagrip.dataset import load_sequences
+from chromagrip.dataset.card import _shape_name
 from chromagrip.dataset.check import check
 from chromagrip.dataset.folder import FILES, MANIFEST, TABLE, sequence_name
 from chromagrip.dataset.labels.tables import read_table
@@ -686,6 +688,18 @@ def test_a_sheet_cuts_off_nothing(tiny: Path) -> None:
         assert (border == 255).all()
 
 
+def test_a_sheet_names_the_shape_of_each_object() -> None:
+    box = {
+        "object.shape": "box",
+        "object.size_mm": [20.0, 20.0, 16.0],
+        "object.radius_mm": math.inf,
+    }
+    assert _shape_name(load_scene("dome-1", box)) == "box"
+    assert _shape_name(load_scene("camera-100hz")) == "plane"
+    for radius, name in ((12.0, "ball R 12.0 mm"), (-20.0, "hollow R 20.0 mm")):
+        assert _shape_name(load_scene("camera-100hz", {"object.radius_mm": radius})) == name
+
+
 def test_a_sequence_of_a_dome_is_read_as_one_at_its_own_rate(tmp_path: Path) -> None:
     """A read-out of the chain says ±100 % of a silicone dome's forces."""
     draw = {"motion": {"choice": ["press"]}, "object.radius_mm": {"choice": [20.0]}}
@@ -722,6 +736,21 @@ def test_truth_stands_next_to_the_estimates_and_changes_none(tiny: Path, tmp_pat
             np.linalg.norm((true - value)[there]) / there.sum() ** 0.5
         )
         assert told["last"] == true[there][-1]
+
+
+def test_an_estimate_before_the_end_is_not_called_the_last(
+    tiny: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("rest.png", "frame-000.png", "frame-001.png"):
+        shutil.copy(tiny / "sequence-000002" / name, tmp_path / name)
+    words = {"calibration": "thesis", "fps": 60.0, "overwrite": True, "out": tmp_path / "out"}
+    for dark, said in ((False, "at the end"), (True, "in frame 1, the last with an estimate")):
+        if dark:
+            cv2.imwrite(str(tmp_path / "frame-002.png"), np.zeros((480, 640, 3), np.uint8))
+        assert estimate(str(tmp_path / "rest.png"), str(tmp_path), **words) == 0
+        assert said in " ".join(capsys.readouterr().out.split())
+        summary = json.loads((tmp_path / "out" / "summary.json").read_text("utf-8"))
+        assert (summary["frames"], summary["last_estimate"]) == (2 + dark, 1)
 
 
 def test_without_pyarrow_a_dataset_has_other_tables_with_the_same_values(

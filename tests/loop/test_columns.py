@@ -193,3 +193,35 @@ def test_scenes_name_their_fingers() -> None:
     assert isinstance(one, Scene)
     assert "margin_true" in Rows(one).names
     assert "first_margin_true" in Rows(two).names
+
+
+@pytest.mark.parametrize("scene", ["dome-1", "pinch-lift"])
+def test_a_missing_estimate_is_not_a_force_of_zero(scene: str) -> None:
+    changes = COARSE if scene == "pinch-lift" else {"path": "truth", "dome.pitch_mm": 0.8}
+    loaded = load_scene(scene, changes)
+    rig, rows = Rig(loaded), Rows(loaded)
+    rig.reset()
+    sample = rig.sample(1.0)
+    reading = sample.readings[0]
+    assert reading.observation is not None
+    silent = replace(reading, observation=replace(reading.observation, no_estimate="imitated"))
+    one = replace(sample, readings=(silent, *sample.readings[1:]))
+    known, line = (dict(zip(rows.columns, rows.line(each), strict=True)) for each in (sample, one))
+    missing = {name for name in line if math.isnan(line[name]) and not math.isnan(known[name])}
+    first = "first_" if scene == "pinch-lift" else ""
+    sums = {f"{first}normal_estimated_n", f"{first}friction_estimated_n"}
+    assert sums <= missing
+    # A touch that is not there is an estimate of 0, also where the other finger has none.
+    assert all(math.isfinite(v) for n, v in line.items() if n.startswith("second_normal"))
+
+
+def test_mu_at_the_end_is_unknown_without_an_estimate() -> None:
+    scene = load_scene("dome-1", {"path": "truth", "dome.pitch_mm": 0.8})
+    rig, rows = Rig(scene), Rows(scene)
+    rig.reset()
+    line = dict(zip(rows.columns, rows.line(rig.sample(1.0)), strict=True))
+    line |= {"mu_estimated": 0.4, "normal_estimated_n": 1.0}
+    silent = line | {"normal_estimated_n": math.nan}
+    for last, wanted in ((line, 0.4), (silent, None)):
+        trace = make_trace([tuple(line.values()), tuple(last.values())], rows.columns)
+        assert summarise(scene, trace, Spent(1.0))["final_mu_estimated"] == wanted

@@ -16,6 +16,7 @@ from chromagrip.loop.pinch.stage import FINGER_COLOURS, Stage, draw_along, draw_
 from chromagrip.loop.pinch.stage import set_stage as stage_of
 from chromagrip.loop.pinch.video import HEIGHT, SIDE, WIDTH, PinchVideo, _upright
 from chromagrip.loop.pinch.world import Pinched
+from chromagrip.loop.results.dome_picture import FIRST_TOP, TractionPicture
 from chromagrip.loop.rig import Rig
 from chromagrip.loop.run import run
 from chromagrip.loop.sample import Sample, Truth
@@ -246,3 +247,30 @@ def test_pictures_change_nothing(tmp_path: Path) -> None:
     without = run(scene(duration_s=0.2)).trace
     assert with_video["grip_n"].tobytes() == without["grip_n"].tobytes()
     assert with_video["object_x_mm"].tobytes() == without["object_x_mm"].tobytes()
+
+
+def test_the_scale_of_pressure_starts_high_and_never_falls(gripped: Sample) -> None:
+    """A light touch is drawn by the scale of a firm grip, so that colours compare over time."""
+    field, mu = gripped.pinch.fingers[0].field, gripped.pinch.fingers[0].friction
+    picture = TractionPicture(scene().build_dome(), 200)
+    tops = []
+    for times in (0.0, 0.1, 1.0, 100.0, 1.0):
+        picture.draw(replace(field, normal=times * field.normal), mu)
+        tops.append(picture.top)
+    assert tops[0] == tops[1] == tops[2] == FIRST_TOP
+    assert tops[3] == tops[4] > FIRST_TOP
+
+
+def test_a_missing_estimate_is_not_drawn_as_no_force(gripped: Sample, tmp_path: Path) -> None:
+    silent = [
+        replace(each, observation=replace(each.observation, no_estimate="imitated"))
+        for each in gripped.readings
+        if each.observation is not None
+    ]
+    video = PinchVideo(tmp_path / "video.mp4", scene())
+    video._camera = True  # the readings are drawn, on the dome of the truth
+    for readings, written in ((gripped.readings, False), (tuple(silent), True)):
+        for picture in video._draw_tractions(replace(gripped, readings=readings)):
+            line = picture[22:38, :100].astype(int)  # below the name
+            assert ((line[..., 0] - line[..., 1]).max() > 100) == written
+    video.close()

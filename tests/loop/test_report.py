@@ -92,3 +92,11 @@ def test_errors_are_sentences(held: Path, tmp_path: Path) -> None:
     (broken / "summary.json").write_text("{")
     with pytest.raises(UserError, match="broken cannot be read"):
         write_reports([broken])
+
+
+def test_runs_share_plots_by_their_scene(held: Path, slid: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    run(load_scene("margin-60hz", QUICK), other)
+    scenes = [run_on_page(read_run(folder), "run").scene for folder in (held, slid, other)]
+    assert scenes[0] == scenes[1] != scenes[2]
+    assert scenes[0] == load_scene("camera-100hz").description

@@ -20,8 +20,10 @@ from chromagrip.measure.score.intervals import intervals
 from chromagrip.measure.score.points import Points, read_points
 from chromagrip.measure.score.score import (
     Outcome,
+    _captions,
     _factor,
     _rank,
+    _with_pictures,
     as_json,
     case_tables,
     interval_note,
@@ -396,3 +398,30 @@ def test_one_sequence_has_no_interval_and_it_is_said() -> None:
     assert [entry["intervals"] for entry in told] == [
         {}, {name: [1.0, 3.0] for name in UNITS}, dict.fromkeys(UNITS),
     ]  # fmt: skip
+
+
+def test_an_error_beside_a_large_one_is_drawn_twice_and_told() -> None:
+    """By the shared factor, where it cannot be seen, and by its own; alike where they are one."""
+    truth = Truth(points=moving())
+    count = truth.points.visible.shape[1]
+    picture = np.zeros((480, 640, 3), np.uint8)
+    found = []
+    for name, error in (("good", 0.01), ("bad", 0.5)):
+        named = Named(name="s", truth=truth, tracks=None, pictures=[picture])
+        off = np.full((1, count, 2), error)
+        found.append((of_names(name, [error]), [(named, Scored(scores={}, error=off, at=off), 0)]))
+    good, bad = (outcome.worst for outcome in _with_pictures(found))
+    assert good is not None
+    assert bad is not None
+    assert good.shape[1] == 2 * bad.shape[1]
+    orange = [
+        int((np.abs(part.astype(int) - [240, 130, 0]).sum(axis=-1) < 30).sum())
+        for part in np.split(good, 2, axis=1)
+    ]
+    assert orange[1] > 5 * orange[0]
+    named, scored, k = found[1][1][0]
+    told = _captions(named, scored, k, "x10 (all tracks alike)")
+    assert told[1] == "error: median 0.71 px, largest 0.71 px"
+    assert told[2].endswith("x10 (all tracks alike)")
+    lost = replace(scored, error=np.full_like(scored.error, np.nan))
+    assert _captions(named, lost, k, "x1")[1] == "no marker was found"

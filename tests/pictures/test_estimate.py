@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.figure import Figure
 from msgspec.structs import asdict, replace
 
 from chromagrip.cli.calibrate import calibrate_sensor
@@ -26,7 +27,8 @@ from chromagrip.model import (
     contact_forces,
     equilibrium,
 )
-from chromagrip.output.parquet import FORCES
+from chromagrip.output.parquet import FORCES, Row
+from chromagrip.pictures.figure import draw_figure
 from chromagrip.render import MembraneMap, add_noise, open_renderer
 from chromagrip.scene.scene import load_scene
 from chromagrip.sensing.margins import with_limit_margin
@@ -512,3 +514,35 @@ def test_a_flat_pad_is_calibrated_and_read_by_its_displacements(
     np.testing.assert_allclose(column(out, "shift_y_mm"), 0.0, atol=0.02)
     assert (out / "figure.png").is_file()
     assert (out / "overlay.mp4").is_file()
+
+
+def test_the_figure_has_true_curves_and_gaps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The middle frame has no estimate; its mark is at the edge and not at a value of 0."""
+    drawn: list[Figure] = []
+    save = Figure.savefig
+
+    def kept(figure: Figure, *words: Any, **more: Any) -> None:
+        drawn.append(figure)
+        save(figure, *words, **more)
+
+    monkeypatch.setattr(Figure, "savefig", kept)
+    rows: list[Row] = [
+        {"frame": k + 1, "time_s": 0.1 * k, "no_estimate": "", "normal_n": 2.0, "mu": 0.4}
+        for k in range(3)
+    ]
+    rows[1] = {"frame": 2, "time_s": 0.1, "no_estimate": "dark"}
+    truth = {"normal_n": np.array([9.0, 1.0, 1.1, 1.2]), "mu": np.full(4, 0.5)}
+    draw_figure(rows, False, tmp_path / "figure.png", truth)
+    draw_figure(rows, False, tmp_path / "figure.png", {})
+    force, _, margin = drawn[0].axes
+    lines = {str(line.get_label()): line for line in force.lines}
+    assert list(lines) == ["ΣFn, 90 %", "ΣFn, true", "ΣFf, 90 %", "no estimate"]
+    assert lines["ΣFn, true"].get_ydata() == pytest.approx([1.0, 1.1, 1.2])
+    assert lines["ΣFn, true"].get_linestyle() == "--"
+    assert np.isnan(lines["ΣFn, 90 %"].get_ydata()).tolist() == [False, True, False]
+    mark = lines["no estimate"].get_transform().transform([(0.1, 0.03)])[0]
+    assert mark[1] < force.transData.transform([(0.1, 0.0)])[0][1] or force.get_ylim()[0] > 0.0
+    assert "true" not in {str(line.get_label()) for line in margin.lines}
+    assert not any("true" in str(line.get_label()) for axes in drawn[1].axes for line in axes.lines)

@@ -4,6 +4,7 @@ import re
 import signal
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from chromagrip.model import Fingertip
 from chromagrip.output.parquet import TRACKS
 from chromagrip.output.pictures import open_source
 from chromagrip.pictures.noise_level import noise_level
+from chromagrip.pictures.overlay import MAGNIFY, Magnification
 from chromagrip.pictures.track import track_source
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.render.outlines import areas, centroids, outlines
@@ -732,3 +734,23 @@ def test_a_disk_that_is_full_leaves_no_tracks(
     assert not summary["complete"]
     assert summary["ended"].endswith("No space left on device")
     assert not (out / "overlay.mp4").exists()
+
+
+def test_no_line_reaches_the_next_marker_and_the_factor_never_grows() -> None:
+    places = DOTS[None].astype(float)
+    rest = Tracks.of_positions(0.0, places)
+    away = np.linalg.norm(places[0][:, None] - places[0], axis=2)
+    spacing = np.median(np.where(away > 0.0, away, np.inf).min(axis=1))
+    motion, factors = Magnification(rest), []
+    for time, shift in enumerate((0.1, 0.17, 0.35, 0.1, 2.0)):
+        moved = places + np.array([shift * spacing, 0.0])
+        factors.append(motion.after(Tracks.of_positions(float(time), moved)))
+        if factors[-1] > 1:
+            assert factors[-1] * shift <= 0.8
+    assert factors == [MAGNIFY, 4, 2, 2, 1]  # at 1 a line ends at the marker
+    # A doubtful marker does not decide, and one without a neighbour has no limit.
+    far = Tracks.of_positions(1.0, places + np.array([spacing, 0.0]))
+    doubtful = replace(far, ambiguous=np.ones_like(far.ambiguous))
+    assert Magnification(rest).after(doubtful) == MAGNIFY
+    alone = Tracks.of_positions(0.0, places[:, :1])
+    assert Magnification(alone).after(Tracks.of_positions(1.0, places[:, :1] + 50.0)) == MAGNIFY

@@ -369,6 +369,9 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
     if summary["camera_pose"]["notable"]:
         table.add_row("camera", pose_words(summary["camera_pose"]))
     table.add_row("noise", f"{summary['noise_levels']:.2f} levels, {summary['noise_from']}")
+    final = summary["last_estimate"]
+    last_frame = frames and final == frames - 1
+    at = "at the end" if last_frame else f"in frame {final}, the last with an estimate"
     for name, (words, unit) in VALUES.items():
         values = summary["estimates"].get(name)
         if values is not None:
@@ -376,7 +379,7 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
             if values["last"] is not None and values["last_interval"] is not None:
                 low, high = values["last_interval"]
                 last = f"{values['last']:z.3f}{unit} ({low:z.3f} … {high:z.3f})"
-            table.add_row(words, f"{last} at the end, median {values['median']:z.3f}{unit}")
+            table.add_row(words, f"{last} {at}, median {values['median']:z.3f}{unit}")
         if (true := summary["truth"].get(name)) is not None:
             kept, inside = f"true {true['last']:z.3f}{unit}", true["inside_interval"]
             share = "" if inside is None else f", inside in {inside:.0%} of the frames"

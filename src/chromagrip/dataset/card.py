@@ -1,5 +1,6 @@
 """Summary of a dataset: the table of its sequences, its card, and a sheet of its pictures."""
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..folders import write_whole
 from ..output.figure import png
+from ..scene.scene import Scene
 from .folder import CARD, SHEET, read_files, sequence_name
 from .labels import STATES, Column, columns_of
 from .labels.columns import Columns
@@ -215,10 +217,25 @@ def _caption(one: Loaded) -> list[str]:
     force = f"ΣFn {last('normal_n'):.2f} N, ΣFf {last('friction_n'):.2f} N"
     turned = f", torque about z {torque:z.2f} N·mm" if np.isfinite(torque) else ""
     return [
-        f"{one.number}: {Path(one.scene.sensor).stem}, {one.values.get('motion', 'press')}",
+        f"{one.number}: {Path(one.scene.sensor).stem}, {one.values.get('motion', 'press')}, "
+        f"{_shape_name(one.scene)}",
         force + ("" if np.isfinite(margin) else ", no contact"),
         (f"Γ {margin:.2f}" if np.isfinite(margin) else "Γ –") + turned,
     ]
+
+
+def _shape_name(scene: Scene) -> str:
+    """Name of the object's shape; the radius of a ball tells how round it is."""
+    made, radius = scene.object, scene.object.radius_mm
+    if made.mesh:
+        return Path(made.mesh).stem
+    if made.profile_mm:
+        return "profile"
+    if made.shape != "ball":
+        return made.shape
+    if math.isinf(radius):
+        return "plane"
+    return f"ball R {radius:.1f} mm" if radius > 0.0 else f"hollow R {-radius:.1f} mm"
 
 
 def _motion(one: Loaded) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

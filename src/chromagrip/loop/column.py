@@ -132,6 +132,11 @@ def read(value: Callable[[GripObservation], float]) -> Callable[[Line], float]:
     return known
 
 
+def estimated(value: Callable[[GripObservation], float]) -> Callable[[Line], float]:
+    """Make a function for a value of a finger's estimated forces; NaN where there are none."""
+    return read(lambda o: math.nan if o.no_estimate else value(o))
+
+
 def estimate(
     name: str,
     words: str,

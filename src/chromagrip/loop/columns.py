@@ -24,6 +24,7 @@ from .column import (
     Line,
     deviation,
     estimate,
+    estimated,
     held,
     read,
     true,
@@ -152,13 +153,13 @@ EACH = (
     Column(
         "normal_estimated_n",
         "estimated ΣFn",
-        read(lambda o: o.field.total_normal),
+        estimated(lambda o: o.field.total_normal),
         "/normal_n/estimated",
     ),
     Column(
         "friction_estimated_n",
         "estimated ΣFf",
-        read(lambda o: o.field.total_friction),
+        estimated(lambda o: o.field.total_friction),
         "/friction_n/estimated",
     ),
     Column(

@@ -190,6 +190,8 @@ def reading_words(summary: Summary) -> str:
 def _of_one(scene: Scene, trace: Trace) -> Summary:
     """Values of the summary that belong to one finger."""
     late = trace["margin_true"][trace["time_s"] > scene.duration_s - 0.3 - 1e-9]
+    # Without an estimate the average of µ is that of earlier frames.
+    read = np.where(np.isnan(trace["normal_estimated_n"]), np.nan, trace["mu_estimated"])
     return {
         "final_margin_true": _last(trace["margin_true"]),
         "final_margin_estimated": _last(trace["margin_estimated"]),
@@ -200,7 +202,7 @@ def _of_one(scene: Scene, trace: Trace) -> Summary:
         "margin_true_min_last_300ms": float(late.min()) if len(late) else math.nan,
         "margin_true_max_last_300ms": float(late.max()) if len(late) else math.nan,
         "final_mu_true": _last(trace["mu_true"]),
-        "final_mu_estimated": _last(trace["mu_estimated"]),
+        "final_mu_estimated": _last(read),
         "max_pressure_n_per_m": _largest(trace["pressure_n_per_m"]),
         "max_pressure_pitch_n_per_m": _largest(trace["pressure_pitch_n_per_m"]),
         "lateral_displacement_mm": _last(trace["lateral_displacement_mm"]),

@@ -91,10 +91,69 @@
     return found.map((v) => [v, v.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1")]);
   }
 
-  // Panels of the same title share one plot.
-  const titles = [...new Set(runs.flatMap((run) => run.panels.map((panel) => panel.title)))];
-  const plots = titles.map((title) => {
-    const parts = runs.flatMap((run, k) =>
+  // Line of a curve beside its words, over a shade where it has an interval.
+  function keyOf(curve, look) {
+    const key = element("svg", { viewBox: "0 0 32 12", "aria-hidden": "true" });
+    if (curve.band.length) {
+      element("rect", { x: 0, y: 1, width: 32, height: 10, fill: look.stroke, opacity: 0.2 }, key);
+    }
+    element("line", { x1: 0, y1: 6, x2: 32, y2: 6, ...look }, key);
+    return key;
+  }
+
+  function made(name, parent, ...content) {
+    const one = document.createElement(name);
+    one.append(...content);
+    parent.append(one);
+    return one;
+  }
+
+  // Legend of one run: a line for each curve; returns where its value is shown.
+  function legendOfOne(curves, box) {
+    const legend = made("ul", box);
+    legend.className = "legend";
+    return curves.map(({ curve, k }) => {
+      const item = made("li", legend, keyOf(curve, style(curve, k)), `${curve.label} `);
+      return made("b", item);
+    });
+  }
+
+  // Legend of several runs: a row for each run with its colour, a column for each line style.
+  function legendOfSeveral(curves, box) {
+    const wide = made("div", box);
+    wide.className = "wide legend";
+    const table = made("table", wide);
+    // What the controller has is called estimated on one path and observed on the other.
+    const columnOf = (curve) => (curve.role === "estimated" ? `estimated ${curve.second}` : curve.label);
+    const columns = [...new Set(curves.map(({ curve }) => columnOf(curve)))];
+    const head = made("tr", table);
+    made("th", head);
+    for (const column of columns) {
+      const alike = curves.filter(({ curve }) => columnOf(curve) === column);
+      const { curve, k } = alike.find((one) => one.curve.band.length) || alike[0];
+      const both = new Set(alike.map((one) => one.curve.label)).size > 1;
+      const words = both ? curve.label.replace(/estimated|observed/, "estimated / observed") : curve.label;
+      made("th", head, keyOf(curve, { ...style(curve, k), stroke: "var(--ink)" }), words);
+    }
+    const cells = new Map();
+    for (const k of new Set(curves.map((one) => one.k))) {
+      const row = made("tr", table);
+      const colour = element("svg", { viewBox: "0 0 32 12", "aria-hidden": "true" });
+      element("rect", { x: 0, y: 2, width: 32, height: 8, fill: runColours[k % runColours.length] }, colour);
+      made("th", row, colour, runs[k].name);
+      for (const column of columns) cells.set(`${k} ${column}`, made("b", made("td", row)));
+    }
+    return curves.map(({ curve, k }) => cells.get(`${k} ${columnOf(curve)}`));
+  }
+
+  // Panels of the same scene and title share one plot; several scenes have a heading each.
+  const scenes = [...new Set(runs.map((run) => run.scene))];
+  const titles = scenes.flatMap((scene) => {
+    const panels = runs.filter((run) => run.scene === scene).flatMap((run) => run.panels);
+    return [...new Set(panels.map((panel) => panel.title))].map((title, i) => ({ scene, title, first: !i }));
+  });
+  const plots = titles.map(({ scene, title, first }) => {
+    const parts = runs.flatMap((run, k) => run.scene !== scene ? [] :
       run.panels.filter((panel) => panel.title === title).map((panel) => ({ panel, k })));
     const curves = parts.flatMap(({ panel, k }) => panel.curves.map((curve) => ({ curve, k })));
     const levels = [];
@@ -106,28 +165,13 @@
     const heading = document.createElement("h3");
     heading.textContent = title;
     const svg = element("svg", { height, role: "img", "aria-label": title });
-    const legend = document.createElement("ul");
-    legend.className = "legend";
-    box.append(heading, svg, legend);
-    document.getElementById("panels").append(box);
-    const shown = curves.map(({ curve, k }) => {
-      const item = document.createElement("li");
-      const key = element("svg", { viewBox: "0 0 32 12", "aria-hidden": "true" });
-      const look = style(curve, k);
-      if (curve.band.length) {
-        element("rect", { x: 0, y: 1, width: 32, height: 10, fill: look.stroke, opacity: 0.2 }, key);
-      }
-      element("line", { x1: 0, y1: 6, x2: 32, y2: 6, ...look }, key);
-      const value = document.createElement("b");
-      const name = several ? `${runs[k].name}, ${curve.label}` : curve.label;
-      item.append(key, `${name} `, value);
-      legend.append(item);
-      return value;
-    });
+    box.append(heading, svg);
+    const all = document.getElementById("panels");
+    if (first && scenes.length > 1) made("h2", all, scene);
+    all.append(box);
+    const shown = (several ? legendOfSeveral : legendOfOne)(curves, box);
     if (curves.some(({ curve }) => curve.band.length)) {
-      const item = document.createElement("li");
-      item.textContent = "shaded: 90 % interval";
-      legend.append(item);
+      made("p", box, "shaded: 90 % interval").className = "note";
     }
     return { parts, curves, levels, svg, shown, cursor: null, x: null, digits: 3 };
   });

@@ -80,6 +80,7 @@ class RunOnPage:
     video: MP4 file of it; None where there is none
     slowdown: how many times slower than the run the video plays
     caption: what the video shows
+    scene: what happens in it; runs of one scene share their plots
     """
 
     name: str
@@ -90,6 +91,7 @@ class RunOnPage:
     video: Path | None = None
     slowdown: float = 1.0
     caption: str = ""
+    scene: str = ""
 
     @property
     def _kept(self) -> NDArray[np.intp]:
@@ -107,6 +109,7 @@ class RunOnPage:
         kept = self._kept
         return {
             "name": self.name,
+            "scene": self.scene,
             "time": _rounded(self.time[kept]),
             "slowdown": self.slowdown,
             "panels": [

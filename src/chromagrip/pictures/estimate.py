@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..by_name import Choice
 from ..errors import UserError, located, meant
@@ -35,7 +34,7 @@ from ..tracking import (
 )
 from ..tracking.forces import PoseTable, rest_pose
 from ..tracking.forces.chain import UsedReadOut, used
-from .figure import draw_figure
+from .figure import Truth, draw_figure
 from .following import Add, Course, Outcome, Progress, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
 from .overlay import OVERLAY, open_overlay
@@ -52,7 +51,7 @@ def files_lacking() -> list[str]:
 
 
 class Typical(TypedDict):
-    """Values of a column: in the last frame, with its 90 % interval, and the median of all."""
+    """Values of a column: in the last frame with an estimate, its interval, and the median."""
 
     last: float | None
     last_interval: tuple[float, float] | None
@@ -69,10 +68,11 @@ class Compared(TypedDict):
 
 
 class Estimates(TypedDict):
-    """Part of a summary that counts the estimates."""
+    """Part of a summary that counts the estimates; the last one is that of a frame."""
 
     without_estimate: int
     without_estimate_because: dict[str, int]
+    last_estimate: int | None
     estimates: dict[str, Typical]
     truth: dict[str, Compared]
     mu_observable_frames: int
@@ -114,7 +114,7 @@ def estimate_source(
     out: Path | None = None,
     overwrite: bool = False,
     max_megapixels: float = MEGAPIXELS,
-    truth: Mapping[str, NDArray[np.generic]] | None = None,
+    truth: Truth | None = None,
     tell: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _, __: None,
 ) -> Outcome[EstimateSummary]:
@@ -225,7 +225,7 @@ class _Rows:
         opened: Opened,
         out: Path | None,
         flat: bool,
-        truth: Mapping[str, NDArray[np.generic]],
+        truth: Truth,
     ) -> None:
         self._truth = truth
         self._read, self._opened, self._out, self._flat = read, opened, out, flat
@@ -258,7 +258,7 @@ class _Rows:
     def summary(self, method: Method, course: Course) -> EstimateSummary:
         """Write the figure; the summary."""
         if self._out is not None and self._rows:
-            draw_figure(self._rows, self._flat, self._out / "figure.png")
+            draw_figure(self._rows, self._flat, self._out / "figure.png", self._truth)
         setup, estimates = self._opened.setup, self._estimates()
         return {**method, **setup, **course, **estimates, "versions": versions()}
 
@@ -279,6 +279,7 @@ class _Rows:
         return {
             "without_estimate": len(reasons),
             "without_estimate_because": counted_kinds(reasons),
+            "last_estimate": int(str(estimated[-1]["frame"])) if estimated else None,
             "estimates": columns,
             "truth": dict(_compared(estimated, self._truth)),
             "mu_observable_frames": sum(bool(row.get("mu_observable")) for row in estimated),
@@ -286,9 +287,7 @@ class _Rows:
         }
 
 
-def _compared(
-    rows: Iterable[Row], truth: Mapping[str, NDArray[np.generic]]
-) -> Iterator[tuple[str, Compared]]:
+def _compared(rows: Iterable[Row], truth: Truth) -> Iterator[tuple[str, Compared]]:
     """Compare the rows that have an estimate with the true values."""
     for name in VALUES:
         true, errors, inside = [], [], []

@@ -1,7 +1,7 @@
 """Figures of estimates: their course over time, and each frame with its forces."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import cv2
@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 from ..control import GripObservation
 from ..folders import whole_file
 from ..loop.results.figure import ESTIMATED, LOAD, TRUE, finish
-from ..loop.results.tactile_video import ARROW, MAGNIFY
+from ..loop.results.tactile_video import ARROW
 from ..model import REFERENCE_NODES, ForceField
 from ..output.parquet import Row
 from ..tracking import Tracks
 from .overlay import Canvas
 
 Image = NDArray[np.uint8]
+#: True value of each frame by column.
+Truth = Mapping[str, NDArray[np.generic]]
 Place = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 #: Colours, RGB.
@@ -29,8 +31,16 @@ _FORCE = (30, 60, 200)
 _MOTION = (0, 130, 60)
 
 
-def draw_figure(rows: list[Row], flat: bool, path: Path) -> None:
-    """Write forces, µ and Γ with their intervals over time to a PNG, or displacements of a pad."""
+def draw_figure(rows: list[Row], flat: bool, path: Path, truth: Truth) -> None:
+    """Write forces, µ and Γ with their intervals over time to a PNG, or displacements of a pad.
+
+    Parameters
+    ----------
+    rows: of the frames
+    flat: whether they are displacements of a flat pad
+    path: of the picture
+    truth: true value of each frame by column; it is drawn where it is known
+    """
     time = _column(rows, "time_s")
     panels: list[tuple[str, list[tuple[str, str, str]]]] = (
         [
@@ -48,8 +58,9 @@ def draw_figure(rows: list[Row], flat: bool, path: Path) -> None:
     FigureCanvasAgg(figure)
     panel_axes: list[Axes] = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True)).tolist()
     for axes, (label, curves) in zip(panel_axes, panels, strict=True):
-        for (name, unit, words), colour in zip(curves, (TRUE, ESTIMATED), strict=False):
-            _curve(axes, rows, time, name, unit, words, colour)
+        for curve, colour, dashes in zip(curves, (TRUE, ESTIMATED), ("--", ":"), strict=False):
+            _curve(axes, rows, time, *curve, colour)
+            _true_curve(axes, rows, time, truth.get("".join(curve[:2])), curve[2], dashes)
         axes.set_ylabel(label)
         if curves[0][0] == "mu":
             hidden = np.array([row.get("mu_observable") is False for row in rows])
@@ -57,7 +68,9 @@ def draw_figure(rows: list[Row], flat: bool, path: Path) -> None:
             axes.plot(time, course, color=LOAD, lw=3.0, alpha=0.5, label="µ not observable")
         missing = np.array([bool(row["no_estimate"]) for row in rows])
         if missing.any():
-            axes.plot(time[missing], np.zeros(missing.sum()), "|", color=LOAD, label="no estimate")
+            # At the lower edge, not at a value of 0.
+            edge, low = axes.get_xaxis_transform(), np.full(missing.sum(), 0.03)
+            axes.plot(time[missing], low, "|", color=LOAD, label="no estimate", transform=edge)
         finish(axes)
     if not flat:
         panel_axes[2].axhline(0.0, color=LOAD, lw=0.8, ls=":")
@@ -89,8 +102,33 @@ def _curve(
         axes.fill_between(time, low, high, color=colour, alpha=0.2, lw=0)
 
 
+def _true_curve(
+    axes: Axes,
+    rows: list[Row],
+    time: NDArray[np.float64],
+    true: NDArray[np.generic] | None,
+    words: str,
+    dashes: str,
+) -> None:
+    """Draw the true values of a curve, if any are known."""
+    frames = [int(str(row["frame"])) for row in rows]
+    if true is None or max(frames) >= len(true):
+        return
+    values = np.array([float(true[frame]) for frame in frames])
+    if np.isfinite(values).any():
+        name = words.split(",")[0].replace("estimated", "")
+        label = f"{name}, true".removeprefix(", ")
+        style = "x" if len(rows) == 1 else dashes
+        axes.plot(time, values, style, color="black", lw=1.0, label=label)
+
+
 def draw_forces(
-    image: Image, place: Place, tracks: Tracks, rest: Tracks, observation: GripObservation
+    image: Image,
+    place: Place,
+    tracks: Tracks,
+    rest: Tracks,
+    observation: GripObservation,
+    magnify: int,
 ) -> Image:
     """Picture with the outer markers' motion, the force on every third node, and Γ as a bar.
 
@@ -100,11 +138,12 @@ def draw_forces(
     place: gives the pixels (…, 2) of points (…, 3) of the sensor frame [m]
     tracks, rest: of the markers in the frame and at rest
     observation: of the frame
+    magnify: factor by which motion is drawn longer than it is
     """
     canvas = Canvas(image, lines=3)
     both = tracks.visible[0] & rest.visible[0]
     start = rest.position[0, both]
-    canvas.lines(start, start + MAGNIFY * (tracks.position[0, both] - start), _MOTION)
+    canvas.lines(start, start + magnify * (tracks.position[0, both] - start), _MOTION)
     missing = rest.visible[0] & ~tracks.visible[0]
     lost_colour = (215, 25, 30)
     canvas.crosses(rest.position[0, missing], 3.0, lost_colour)
@@ -121,7 +160,8 @@ def draw_forces(
         ]
     )
     canvas.text([(f"{observation.time:.3f} s", _TEXT), *lines], 0)
-    canvas.text([("margin", _TEXT), (f"{observation.margin:.2f}", _TEXT)], 1)
+    margin = f"{observation.margin:.2f}" if math.isfinite(observation.margin) else "unknown"
+    canvas.text([("margin", _TEXT), (margin, _TEXT)], 1)
     _bar(canvas.pixels, observation)
     # Words for the forces of a chain and of a dome.
     legends = (
@@ -131,7 +171,7 @@ def draw_forces(
     canvas.text(
         [
             (legends[dome], _FORCE),
-            (f"marker motion x{MAGNIFY:g}", _MOTION),
+            (f"marker motion x{magnify}", _MOTION),
             (f"x lost {missing.sum()}", lost_colour),
         ],
         2,

@@ -19,8 +19,8 @@ Image = NDArray[np.uint8]
 
 #: Name of the video in a folder.
 OVERLAY = "overlay.mp4"
-#: Factor by which motion since rest is drawn longer than it is.
-MAGNIFY = 5.0
+#: Largest factor by which motion since rest is drawn longer than it is.
+MAGNIFY = 5
 
 _Colour = tuple[int, int, int]
 _TEXT: _Colour = (20, 20, 20)
@@ -157,12 +157,51 @@ def _away_from(places: Array, others: Array, radius: float) -> Array:
     return places[np.asarray(scipy.spatial.KDTree(there).query(places)[0]) > radius]
 
 
+class Magnification:
+    """Factor by which motion since rest is drawn longer than it is, over the frames of a video.
+
+    No line reaches the next marker. The factor never grows again, so that it does not flicker; at 1
+    a line ends where the marker is.
+
+    Parameters
+    ----------
+    resting: the tracks at rest
+    """
+
+    #: Longest line, as a share of the median distance between neighbouring markers.
+    _longest = 0.8
+
+    def __init__(self, resting: Tracks) -> None:
+        self._rest, self._factor = resting.position, MAGNIFY
+        self._room = [self._longest * _spacing(at) for at in resting.position]
+
+    def after(self, tracks: Tracks) -> int:
+        """Factor once a frame is seen; doubtful markers do not count."""
+        sure = tracks.visible & ~tracks.ambiguous
+        for at, start, counts, room in zip(
+            tracks.position, self._rest, sure, self._room, strict=True
+        ):
+            way = np.linalg.norm(at - start, axis=1)[counts]
+            longest = float(way[np.isfinite(way)].max(initial=1e-9))
+            self._factor = max(1, int(min(self._factor, room / longest)))
+        return self._factor
+
+
+def _spacing(places: Array) -> float:
+    """Median distance of places (n, 2) from their nearest neighbours; infinite for less than 2."""
+    there = places[np.isfinite(places[:, 0])]
+    if len(there) < 2:
+        return np.inf
+    away = np.asarray(scipy.spatial.KDTree(there).query(there, k=2)[0])
+    return float(np.median(away[:, 1]))
+
+
 class TrackDrawing:
     """Draws frames with the markers that are followed, from what they were at rest.
 
-    Outlines are ellipses as at rest, as large as they are now; motion is drawn MAGNIFY times as
-    long. Lost ones have a cross at their place at rest, ambiguous ones a ring; those that were seen
-    at rest and are not followed have a grey cross.
+    Outlines are ellipses as at rest, as large as they are now; motion is drawn longer than it is,
+    see Magnification. Lost ones have a cross at their place at rest, ambiguous ones a ring; those
+    that were seen at rest and are not followed have a grey cross.
 
     Parameters
     ----------
@@ -175,6 +214,7 @@ class TrackDrawing:
         self._palette, self._start, self._rest = palette, start, resting
         self._known: NDArray[np.bool_] = np.isfinite(resting.position[..., 0])
         self._dropped = dropped(start, resting)
+        self._motion = Magnification(resting)
         self._shapes = [
             _nearest_shapes(at, shapes, own, radius)
             for at, shapes, own, radius in zip(
@@ -188,14 +228,14 @@ class TrackDrawing:
         if self._palette.seen is not None:
             canvas.border(self._palette.seen.field, _FIELD)
         words = [(f"{tracks.time:.3f} s", _TEXT)]
-        left = 0
+        left, magnify = 0, self._motion.after(tracks)
         for k in reversed(range(len(self._shapes))):  # the skin's layer on top
             visible, start = tracks.visible[k], self._rest.position[k]
             at, size = tracks.position[k], np.exp(np.nan_to_num(tracks.log_size[k]))
             shapes = self._shapes[k] * size[:, None, None]
             canvas.ellipses(at[visible], shapes[visible], _LAYERS[k], dashed=k > 0)
             moved = visible & self._known[k]
-            canvas.lines(start[moved], start[moved] + MAGNIFY * (at - start)[moved], _MOTION)
+            canvas.lines(start[moved], start[moved] + magnify * (at - start)[moved], _MOTION)
             radius = float(self._start.radius[k])
             dropped_here = _away_from(self._dropped[k], at[visible], radius)
             left += len(dropped_here)
@@ -212,7 +252,7 @@ class TrackDrawing:
         lost, doubtful_count = (self._known & ~tracks.visible).sum(), tracks.ambiguous.sum()
         canvas.text(
             [
-                (f"motion since rest x{MAGNIFY:g}", _MOTION),
+                (f"motion since rest x{magnify}", _MOTION),
                 (f"x lost {lost}", _LOST),
                 (f"o ambiguous {doubtful_count}", _AMBIGUOUS),
                 (f"x not followed {left}", _DROPPED),

@@ -15,7 +15,7 @@ from ..tracking import DEFAULT_TRACKER, DisplacementGains, FrictionRule, Tracks
 from ..tracking.forces import CameraPose, aligned, alignment, seen_by, skin_displacement
 from .figure import draw_forces
 from .opening import Opened
-from .overlay import TrackDrawing
+from .overlay import Magnification, TrackDrawing
 
 
 class Shown(NamedTuple):
@@ -55,6 +55,8 @@ def force_reading(
             f"sizes, which forces are read from; wanted: {DEFAULT_TRACKER}"
         )
 
+    motion = Magnification(rest)
+
     def place(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return seen_by(pose, view.camera, view.project(points))
 
@@ -63,7 +65,12 @@ def force_reading(
         assert observation is not None
         row = force_row(observation, rule)
         row["markers_seen"] = _visible_pairs(tracks)
-        return Shown(row, lambda: draw_forces(frame.image, place, tracks, rest, observation))
+
+        def draw() -> NDArray[np.uint8]:
+            factor = motion.after(tracks)
+            return draw_forces(frame.image, place, tracks, rest, observation, factor)
+
+        return Shown(row, draw)
 
     return read
 

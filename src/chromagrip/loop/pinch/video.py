@@ -13,9 +13,10 @@ from ...output.video import VideoFile
 from ...render import Frame
 from ...scene.fingers import build_pinch, fingers
 from ...scene.scene import Scene
+from ...sensing.reader import Reading
 from ..column import OUTCOMES
-from ..results.dome_picture import STICKS, TractionPicture, write
-from ..results.tactile_video import FPS, QUALITY, SEEKABLE, SLOWDOWN
+from ..results.dome_picture import STICKS, ZOOM, TractionPicture, write
+from ..results.tactile_video import FPS, NO_ESTIMATE, QUALITY, SEEKABLE, SLOWDOWN
 from ..sample import Sample
 from ..trace import word_for_read
 from .course_plot import CoursePlot, Courses
@@ -32,8 +33,6 @@ HEIGHT = 720
 HEAD = 32
 #: Side of a camera's picture and of a traction [px].
 SIDE = 232
-#: Magnification of a traction while the contact is in its middle.
-ZOOM = 2
 #: Width and height of the scene from the side [px].
 SCENE = (1280 - 3 * SIDE, 2 * SIDE)
 #: Size of the plots [px].
@@ -121,26 +120,19 @@ class PinchVideo(VideoFile):
                 break
             for each in self._tractions:
                 each.top = top
-        self._zoomed &= not any(
-            (abs(field.position[field.contact, :2]) > 0.95 * each.radius / ZOOM).any()
-            for each, (field, _) in zip(self._tractions, shown, strict=True)
+        self._zoomed &= all(
+            each.in_middle(field) for each, (field, _) in zip(self._tractions, shown, strict=True)
         )
-        return [self._shown(*each) for each in zip(self._tractions, pictures, strict=True)]
+        drawn = zip(self._tractions, pictures, sample.readings, strict=True)
+        return [self._shown(*each) for each in drawn]
 
-    def _shown(self, traction: TractionPicture, picture: Image) -> Image:
-        """Turn a traction to the camera's side, and add a scale of 5 mm."""
+    def _shown(self, traction: TractionPicture, picture: Image, reading: Reading) -> Image:
+        """Turn a traction to the camera's side, and add its name and a scale."""
         turned = np.ascontiguousarray(picture.transpose(1, 0, 2))
-        if self._zoomed:
-            first = (ZOOM - 1) * SIDE // 2
-            turned = turned[first : first + SIDE, first : first + SIDE].copy()
-        else:
-            size = (SIDE, SIDE)
-            turned = np.asarray(cv2.resize(turned, size, interpolation=cv2.INTER_AREA), np.uint8)
+        turned = traction.part(turned, self._zoomed)
         write(turned, "estimated traction" if self._camera else "true traction", (6, 14), INK)
-        pixels = traction.pixels if self._zoomed else traction.pixels / ZOOM
-        right, row = SIDE - 8, SIDE - 8
-        cv2.line(turned, (round(right - 5e-3 * pixels), row), (right, row), INK, 2)
-        write(turned, "5 mm", (right - 36, row - 6), INK)
+        if self._camera and reading.no_estimate:
+            write(turned, "no estimate", (6, 34), NO_ESTIMATE)
         cv2.rectangle(turned, (0, 0), (SIDE - 1, SIDE - 1), (215, 215, 215), 1)
         return turned
 
@@ -157,7 +149,7 @@ class PinchVideo(VideoFile):
         )
         for k, line in enumerate(lines):
             write(legend, line, (10, 16 + 19 * k), INK)
-        self._tractions[0].legend(legend, (10, 20 + 19 * len(lines) + 10))
+        self._tractions[0].legend(legend, (10, 30 + 19 * len(lines)), self._zoomed)
         return legend
 
     def _rise(self, sample: Sample) -> float:

@@ -45,6 +45,7 @@ def run_on_page(run: RunRead, name: str) -> RunOnPage:
         video=run.video,
         slowdown=SLOWDOWN,
         caption=_caption(run.scene),
+        scene=run.scene.description or f"a scene of body {run.scene.mechanics}",
     )
 
 

@@ -5,6 +5,7 @@ A chain's contact is shown magnified, from the camera's side; a dome's from abov
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -18,6 +19,7 @@ from ...scene.scene import Body, Scene
 from ...tracking import Tracks
 from ..sample import Sample
 from .dome_picture import OUTLINE, TractionPicture, write
+from .dome_picture import ZOOM as TRACTION_ZOOM
 
 Image = NDArray[np.uint8]
 
@@ -41,6 +43,42 @@ ZOOM = 2
 Colour = tuple[int, int, int]
 TRACK_COLOUR: Colour = (0, 120, 60)
 INK: Colour = (20, 20, 20)
+#: Colours of estimated and true forces, RGB.
+ESTIMATED: Colour = (200, 70, 0)
+TRUE: Colour = (0, 90, 160)
+#: Colour of the words for a missing estimate.
+NO_ESTIMATE: Colour = (200, 40, 40)
+#: Size of the font, readable in a page.
+_FONT = 0.48
+#: Height of a line of text below a traction [px].
+_LINE = 21
+
+
+@dataclass(frozen=True)
+class _Contact:
+    """A contact in the video.
+
+    Attributes
+    ----------
+    kind: `estimated` or `true`
+    field, mu: its forces and friction coefficient
+    no_estimate: whether nothing was estimated
+    """
+
+    kind: str
+    field: ForceField
+    mu: float
+    no_estimate: bool = False
+
+    @property
+    def colour(self) -> Colour:
+        """Colour of its arrows on a chain and of its title."""
+        return ESTIMATED if self.kind == "estimated" else TRUE
+
+    def lines(self, what: str) -> tuple[str, ...]:
+        """Lines of text: what is drawn, and its sums."""
+        title = f"{self.kind} {what}"
+        return (title, "no estimate") if self.no_estimate else (title, *_sums(self.field, self.mu))
 
 
 class TactileVideo(VideoFile):
@@ -52,10 +90,6 @@ class TactileVideo(VideoFile):
     scene: scene whose sensor's camera maps the forces onto the picture
     """
 
-    #: Colours of estimated and true forces, RGB.
-    _force_colour = (200, 70, 0)
-    _true_colour = (0, 90, 160)
-
     def __init__(self, path: Path, scene: Scene) -> None:
         super().__init__(path, FPS, QUALITY, SEEKABLE)
         self._view = scene.build_sensor().view
@@ -64,6 +98,7 @@ class TactileVideo(VideoFile):
         self._slot = -1
         self._notices = 0  # remaining contacts with the notice that the arrows were halved
         self._tractions = _TRACTIONS[scene.body](scene)
+        self._magnified = True
 
     def slot(self, time: float) -> int:
         """Number of the video's picture at a time [s]."""
@@ -80,16 +115,16 @@ class TactileVideo(VideoFile):
         """Append one sample with its picture."""
         image, observation = frames[0].image, sample.observation
         assert observation is not None
-        contacts = [("true", sample.field, sample.friction)]
+        contacts = [_Contact("true", sample.field, sample.friction)]
         if self._camera:
-            contacts.insert(0, ("estimated", observation.field, observation.friction))
+            missing = bool(observation.no_estimate)
+            read = _Contact("estimated", observation.field, observation.friction, missing)
+            contacts.insert(0, read)
         draw = self._draw_tractions if self._tractions else self._draw_slices
         self.append(_headed(np.hstack([image, draw(image, sample, contacts)]), sample),
                     self.slot(sample.time))  # fmt: skip
 
-    def _draw_slices(
-        self, image: Image, sample: Sample, contacts: list[tuple[str, ForceField, float]]
-    ) -> Image:
+    def _draw_slices(self, image: Image, sample: Sample, contacts: list[_Contact]) -> Image:
         """Draw each contact of a chain, magnified, one above the other."""
         height, width = image.shape[0] // len(contacts), image.shape[1]
         middle = self._view.project(np.array([[0.0, 0.0, _apex(sample.field)]]))[0]
@@ -97,18 +132,18 @@ class TactileVideo(VideoFile):
         corner = middle - np.array([0.5 * width, 0.8 * height]) / ZOOM
         ground = _magnified(image, corner, (height, width))
         longest = 0.7  # longest arrow, as a share of the height; a longer one halves the scale
-        for _, field, _ in contacts:
-            self._rescale(field, longest * height)
+        for each in contacts:
+            self._rescale(each.field, longest * height)
         pictures = []
-        for kind, field, mu in contacts:
+        for each in contacts:
             canvas = ground.copy()
-            if kind == "estimated" and sample.tracks is not None and sample.rest is not None:
+            if each.kind == "estimated" and sample.tracks is not None and sample.rest is not None:
                 _draw_motion(canvas, sample.tracks, sample.rest, corner)
-                write(canvas, f"marker motion x{MAGNIFY:g}", (8, height - 10), TRACK_COLOUR)
-            colour = self._force_colour if kind == "estimated" else self._true_colour
-            self._draw_forces(canvas, field, corner, colour)
-            _say(canvas, (f"{kind} force of every 3rd node", *_sums(field, mu)), (8, 18), colour)
-            self._draw_scale(canvas, field, colour)
+                place = (8, height - 10)
+                write(canvas, f"marker motion x{MAGNIFY:g}", place, TRACK_COLOUR, _FONT)
+            self._draw_forces(canvas, each.field, corner, each.colour)
+            _say(canvas, each.lines("force of every 3rd node"), (8, 18), each.colour)
+            self._draw_scale(canvas, each.field, each.colour)
             pictures.append(canvas)
         for canvas in pictures[1:]:
             canvas[0] = OUTLINE
@@ -144,36 +179,39 @@ class TactileVideo(VideoFile):
         if self._notices > 0:
             write(canvas, "all arrows are halved", (x - 40, y - 18), colour)
 
-    def _draw_tractions(
-        self, image: Image, sample: Sample, contacts: list[tuple[str, ForceField, float]]
-    ) -> Image:
-        """Draw each contact of a dome from above, side by side."""
-        pictures = []
-        top = max(picture.top for picture in self._tractions.values())
-        for kind, field, mu in contacts:
-            picture = self._tractions[kind]
-            picture.top = top  # both with one scale
-            canvas = picture.draw(field, mu)
-            top = picture.top
-            lines = (f"{kind} traction", *_sums(field, mu))
-            if kind == "true":
+    def _draw_tractions(self, image: Image, sample: Sample, contacts: list[_Contact]) -> Image:
+        """Draw each contact of a dome from above, side by side, with text below."""
+        shown = [(self._tractions[each.kind], each) for each in contacts]
+        self._magnified &= all(picture.in_middle(each.field) for picture, each in shown)
+        for _ in range(2):  # once more if the scale of one has grown
+            drawn = [picture.draw(each.field, each.mu) for picture, each in shown]
+            top = max(picture.top for picture, _ in shown)
+            for picture, _ in shown:
+                picture.top = top
+        columns = []
+        for (picture, each), canvas in zip(shown, drawn, strict=True):
+            part = picture.part(canvas, self._magnified)
+            whole = np.full((len(image), part.shape[1], 3), 255, np.uint8)
+            whole[: len(part)] = part
+            whole[len(part)] = whole[:, 0] = OUTLINE
+            lines = each.lines("traction")
+            if each.kind == "true":
                 truth = sample.contact
                 lines += (
-                    f"object x {1e3 * truth.place[0]:.2f} mm",
-                    f"depth {1e3 * truth.indentation:.2f} mm",
+                    f"object x {1e3 * truth.place[0]:.2f} mm, depth "
+                    f"{1e3 * truth.indentation:.2f} mm",
                     f"turn {np.degrees(truth.turn):.1f} deg",
                 )
-            colour = self._force_colour if kind == "estimated" else self._true_colour
-            _say(canvas, lines, (8, 18), colour)
-            canvas[:, 0] = OUTLINE
-            pictures.append(canvas)
-        self._tractions[contacts[-1][0]].legend(pictures[-1], (8, len(image) - 92))
-        return np.hstack(pictures)
+            _say(whole, lines, (8, len(part) + 18), each.colour)
+            columns.append(whole)
+        shown[-1][0].legend(columns[-1], (8, len(image) - 48), self._magnified)
+        return np.hstack(columns)
 
 
 def _tractions_of(scene: Scene) -> dict[str, TractionPicture]:
     """Pictures of tractions: the estimated on the sensor's dome, the true on the scene's."""
-    side = scene.build_sensor().view.height
+    share = 0.6  # of the camera's height; the text below needs the rest
+    side = TRACTION_ZOOM * 2 * round(0.5 * share * scene.build_sensor().view.height)
     pictures = {"true": TractionPicture(scene.build_dome(), side)}
     if scene.path == "camera":
         pictures["estimated"] = TractionPicture(scene.build_sensor().dome, side)
@@ -208,8 +246,8 @@ def _headed(picture: Image, sample: Sample) -> Image:
     head = np.full((HEAD, picture.shape[1], 3), 255, np.uint8)
     slow = f"shown {SLOWDOWN:g} times slower"
     write(head, f"t {sample.time:.2f} s    load {sample.load:.2f} N    grip {sample.grip:.2f} N",
-          (8, 20))  # fmt: skip
-    write(head, slow, (picture.shape[1] - 190, 20))
+          (8, 20), size=_FONT)  # fmt: skip
+    write(head, slow, (picture.shape[1] - 200, 20), size=_FONT)
     return np.vstack([head, picture])
 
 
@@ -218,11 +256,9 @@ def _sums(field: ForceField, mu: float) -> tuple[str, ...]:
     margin = field.safety_margin(mu)
     torsion = margin_within(field, mu) if field.directions is not None else math.nan
     return (
-        f"normal {field.total_normal:.2f} N",
-        f"friction {field.total_friction:.2f} N",
-        f"mu {_known(mu)}",
-        f"margin {_known(margin)}",
-        *(() if math.isnan(torsion) else (f"with torsion {torsion:.2f}",)),
+        f"normal {field.total_normal:.2f} N, friction {field.total_friction:.2f} N",
+        f"mu {_known(mu)}, margin {_known(margin)}",
+        *(() if math.isnan(torsion) else (f"margin with torsion {torsion:.2f}",)),
     )
 
 
@@ -233,7 +269,8 @@ def _known(value: float) -> str:
 def _say(canvas: Image, lines: Sequence[str], place: tuple[int, int], colour: Colour) -> None:
     """Write lines of text below each other, the first one in a colour."""
     for k, line in enumerate(lines):
-        write(canvas, line, (place[0], place[1] + 18 * k), colour if k == 0 else INK)
+        ink = NO_ESTIMATE if line == "no estimate" else INK
+        write(canvas, line, (place[0], place[1] + _LINE * k), colour if k == 0 else ink, _FONT)
 
 
 def _magnified(image: Image, corner: NDArray[np.float64], size: tuple[int, int]) -> Image:

@@ -34,7 +34,8 @@ _ORDER = (
     "The smallest error over the Cramér–Rao bound comes first. Tracks that lose or invent more "
     f"than {_GONE:g} % of the points, or whose bound is not known, come after them by average "
     "Jaccard. "
-    "Errors of all tracks are drawn by the same factor."
+    "Errors of all tracks are drawn by the same factor, and beside it by one of their own where "
+    "they are too small for it."
 )
 #: A truth, scores against it, and the number of a frame.
 WorstFrame = tuple[Named, Scored, int]
@@ -127,11 +128,17 @@ def _rank(outcome: Outcome) -> tuple[bool, float]:
 
 
 def _with_pictures(found: Sequence[tuple[Outcome, list[WorstFrame]]]) -> list[Outcome]:
-    """Outcomes with pictures of their worst frames, all errors drawn by the same factor."""
-    longer = min((_factor(frame) for _, frames in found for frame in frames), default=1.0)
+    """Outcomes with pictures of their worst frames.
+
+    All errors are drawn by the same factor, and to its right by the tracks' own if that is larger.
+    """
+    own = [min(map(_factor, frames), default=1.0) for _, frames in found]
+    shared = min((f for f, (_, frames) in zip(own, found, strict=True) if frames), default=1.0)
     outcomes = []
-    for outcome, frames in found:
-        drawn = [_draw(*frame, longer) for frame in frames]
+    for (outcome, frames), factor in zip(found, own, strict=True):
+        kinds = [(shared, "all tracks alike")] if len(found) > 1 else [(shared, "")]
+        kinds += [(factor, "these tracks alone")] if factor > shared else []
+        drawn = [_draw(*frame, *kind) for frame in frames for kind in kinds]
         outcomes.append(replace(outcome, worst=_tiled(drawn) if drawn else None))
     return outcomes
 
@@ -188,8 +195,8 @@ def _badness(named: Named, scored: Scored) -> NDArray[np.float64]:
     return np.asarray(off.sum(axis=1) / np.maximum(visible.sum(axis=1), 1))
 
 
-def _draw(named: Named, scored: Scored, k: int, longer: float) -> Image:
-    """A frame with its errors drawn by a factor, in the picture's own colours."""
+def _draw(named: Named, scored: Scored, k: int, longer: float, whose: str) -> Image:
+    """A frame with its errors drawn by a factor, in the picture's own colours; whose it is."""
     picture = named.pictures[k]
     scale = _SIDE / max(picture.shape[:2])
     size = (round(scale * picture.shape[1]), round(scale * picture.shape[0]))
@@ -207,17 +214,30 @@ def _draw(named: Named, scored: Scored, k: int, longer: float) -> Image:
         else:
             x, y = round(start[0]), round(start[1])
             cv2.drawMarker(drawn, (x, y), _MISSED, cv2.MARKER_TILTED_CROSS, 10, 2, cv2.LINE_AA)
-    lost = int((visible & ~np.isfinite(scored.error[k]).all(axis=1)).sum())
-    top = np.full((58, drawn.shape[1], 3), 255, np.uint8)
-    for row, words in enumerate(
-        (
-            f"{named.name}, frame {k}: {lost} of {visible.sum()} lost (red crosses)",
-            f"blue: true place; orange: error, {longer:g} times as long",
-        )
-    ):
-        place = (8, 22 + 25 * row)
-        cv2.putText(top, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1, cv2.LINE_AA)
+    lines = _captions(named, scored, k, f"x{longer:g}" + (f" ({whose})" if whose else ""))
+    top = np.full((12 + 25 * len(lines), drawn.shape[1], 3), 255, np.uint8)
+    for row, words in enumerate(lines):
+        place = (8, 24 + 25 * row)
+        cv2.putText(top, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, (20, 20, 20), 1, cv2.LINE_AA)
     return np.vstack([top, drawn])
+
+
+def _captions(named: Named, scored: Scored, k: int, factor: str) -> tuple[str, ...]:
+    """Lines above a drawn frame: what is lost, its errors in pixels, and how they are drawn."""
+    visible = named.truth.points.visible[k]
+    error = np.linalg.norm(scored.error[k], axis=1)[visible]
+    found = error[np.isfinite(error)]
+    sizes = (
+        f"error: median {np.median(found):.2g} px, largest {found.max():.2g} px"
+        if len(found)
+        else "no marker was found"
+    )
+    lost = len(error) - len(found)
+    return (
+        f"{named.name}, frame {k}: {lost} of {len(error)} lost (red crosses)",
+        sizes,
+        f"blue: true place; orange: error {factor}",
+    )
 
 
 def _tiled(pictures: list[Image]) -> Image:
