@@ -65,8 +65,11 @@ def test_a_run_is_made_again_with_the_same_values(name: str) -> None:
     again = run(load_scene(str(BEFORE / name / "scene.toml")))
     table = pq.read_table(BEFORE / name / "trace.parquet")
     for column in table.column_names:
+        written = table[column].to_numpy()
+        if column.endswith("margin_high"):
+            written = np.minimum(written, 1.0)  # since then no interval of a margin exceeds 1
         np.testing.assert_allclose(
-            again.trace[column], table[column].to_numpy(), rtol=5e-6, atol=5e-6, err_msg=column
+            again.trace[column], written, rtol=5e-6, atol=5e-6, err_msg=column
         )
 
 
