@@ -23,7 +23,7 @@ from ..shifts import MarkerShifts
 from ..silicone_values import ON_CORE
 from .contact_fit import ContactFit
 from .contact_solution import Followed, Solution
-from .contact_starts import Rivals, Start, light_press, other_objects, start_from_rest
+from .contact_starts import Rivals, Start, light_presses, other_objects, start_from_rest
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT
 from .contact_way import sums_of
 from .key_shifts import Key, Shifts
@@ -104,7 +104,8 @@ class ContactReading:
         crooked = 1e-3 * sensor.defects.crookedness_mm / (2.0 * float(sensor.half_sizes.max()))
         self._typical = settings.median_misfit + settings.median_misfit_slope * crooked
         self._both = settings.both_misfits + settings.both_misfits_slope * crooked
-        self._light = light_press(self._fit, settings.starts)
+        # They depend on the dome alone: made here, the first frame of a contact is not late.
+        self._presses = light_presses(self._fit, settings.starts)
         self.reset()
 
     def reset(self) -> None:
@@ -148,9 +149,9 @@ class ContactReading:
 
     def _hidden(self, shifts: Shifts) -> float:
         """Standard deviation of a force hidden by noise [N]: the largest undetected press."""
-        force, image = self._light
-        seen = float(np.linalg.norm(shifts.apply(image[shifts.used])))
-        return force * math.sqrt(self._settings.explained) / max(seen, 1e-9) / Z90
+        light = self._presses[0]
+        seen = float(np.linalg.norm(shifts.apply(light.image[shifts.used])))
+        return light.force * math.sqrt(self._settings.explained) / max(seen, 1e-9) / Z90
 
     def _is_refused(self, shifts: Shifts) -> bool:
         """Whether markers have not moved since a frame that no contact explained."""
@@ -217,7 +218,7 @@ class ContactReading:
 
     def _found(self, shifts: Shifts) -> bool:
         """Find the contact of a frame from rest."""
-        start = start_from_rest(self._fit, shifts, self._settings.starts)
+        start = start_from_rest(self._fit, self._presses, shifts, self._settings.starts)
         return self._taken(self._better(None, start, self._settings.rounds), start)
 
     def _taken(self, solution: Solution | None, start: Start) -> bool:

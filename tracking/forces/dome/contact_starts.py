@@ -5,7 +5,7 @@ almost the same markers. The cost has a curved valley, which a fit from one end 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -25,30 +25,50 @@ Array = NDArray[np.float64]
 Start = tuple[Array, tuple[Key, ...]]
 
 
-def start_from_rest(fit: ContactFit, shifts: Shifts, settings: StartSettings) -> Start:
-    """Find the place where a light press would cause the most similar shifts."""
+@dataclass(frozen=True, kw_only=True)
+class LightPress:
+    """A light press of the prior's object at one place.
+
+    Attributes
+    ----------
+    object_: unknowns of the object, shape (8,)
+    force: ΣFn [N]
+    image: shifts of all pairs, shape (P, 6)
+    """
+
+    object_: Array
+    force: float
+    image: Array
+
+
+def light_presses(fit: ContactFit, settings: StartSettings) -> list[LightPress]:
+    """Simulate light presses at all places from which a fit may start, the apex first."""
     mean, light = prior_of(fit.dome).mean, _light(fit.dome, settings)
-    best, most, press = mean, -math.inf, 0.0
-    target = shifts.apply(shifts.values)
+    presses = []
     for angle, count in settings.places:
         for turn in 2.0 * math.pi * np.arange(count) / count:
             tried = mean.copy()
             tried[PLACE] = angle * math.cos(turn), angle * math.sin(turn)
-            image = shifts.apply(fit.image(tried, light)[1][shifts.used])
-            length = max(float(np.linalg.norm(image)), 1e-9)
-            score = float(image @ target) / length
-            if score > most:
-                # Force and shifts grow roughly with the press to the power of 3/2.
-                larger = float(np.clip(max(score / length, 0.05) ** (2.0 / 3.0), 0.2, 4.0))
-                best, most, press = tried, score, larger * light[PRESS]
-    pose = np.zeros(MOVING)
-    pose[PRESS] = press
-    return best, (Key(shifts=shifts, pose=pose),)
+            force, image = fit.image(tried, light)
+            presses.append(LightPress(object_=tried, force=force, image=image))
+    return presses
 
 
-def light_press(fit: ContactFit, settings: StartSettings) -> tuple[float, Array]:
-    """Simulate a light press at the apex; return ΣFn [N] and the shifts of all pairs, (P, 6)."""
-    return fit.image(prior_of(fit.dome).mean, _light(fit.dome, settings))
+def start_from_rest(
+    fit: ContactFit, presses: Sequence[LightPress], shifts: Shifts, settings: StartSettings
+) -> Start:
+    """Find the place where a light press would cause the most similar shifts."""
+    best, most, larger = presses[0].object_, -math.inf, 0.0
+    target = shifts.apply(shifts.values)
+    for each in presses:
+        image = shifts.apply(each.image[shifts.used])
+        length = max(float(np.linalg.norm(image)), 1e-9)
+        score = float(image @ target) / length
+        if score > most:
+            # Force and shifts grow roughly with the press to the power of 3/2.
+            larger = float(np.clip(max(score / length, 0.05) ** (2.0 / 3.0), 0.2, 4.0))
+            best, most = each.object_, score
+    return best, (Key(shifts=shifts, pose=larger * _light(fit.dome, settings)),)
 
 
 def other_objects(
