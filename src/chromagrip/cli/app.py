@@ -128,6 +128,16 @@ OTHER_NAMES = {
     "threads": "--workers",
     "jobs": "--workers",
 }
+#: Placeholders of words without an option by options for which they are taken.
+OTHER_PLACES = {
+    "--data": "--truth",
+    "--dataset": "--truth",
+    "--image": "--source",
+    "--images": "--source",
+    "--tracker": "--tracks",
+    "--trackers": "--tracks",
+    "--video": "--source",
+}
 #: The same words without their purposes.
 FIRST = {name: words for names in PURPOSES.values() for name, words in names.items()}
 
@@ -261,6 +271,8 @@ def _parse(words: list[str], known: Mapping[str, Command], prog: str) -> partial
         if left != sentence:
             flags = list(_flags(known[name])) if name else []
             sentence = _too_many(left.split(", "), words, name or NAME, flags)
+        elif name and (bare := re.fullmatch(r"(\w+): its value is missing", sentence)):
+            sentence = f"missing: {bare[1].upper()}{_in_order(f'{prog} {name}', known[name])}"
         elif name and sentence.startswith("missing: "):
             sentence += _in_order(f"{prog} {name}", known[name])
         raise UserError(f"{sentence}; see `{page}`") from None
@@ -405,9 +417,9 @@ def _refuse_places(words: list[str], command: Command, start: str) -> None:
         flag, _, value = word.partition("=")
         if not flag.startswith("--") or flag in flags:
             continue
-        near = flag if flag in plain else "" if meant(flag, flags) else meant(flag, plain)
-        found = next((k for k, each in enumerate(plain) if each in near), None)
-        if found is not None:
+        asked = flag if flag in plain or meant(flag, flags) else OTHER_PLACES.get(flag)
+        if asked in plain:
+            found = plain.index(asked)
             places[found] = value or after or places[found]
             raise UserError(
                 f"no option {flag}: its value is a word without an option, as in "
@@ -428,7 +440,10 @@ def _too_many(left: list[str], words: list[str], name: str, flags: list[str]) ->
     unknown = [word.partition("=")[0] for word in left if re.match(r"--?[A-Za-z]", word)]
     if unknown:
         questions = (
-            meant(f"--{w.lstrip('-')}", flags) or _other_name(w, flags) or _key_meant(w, flags)
+            meant(f"--{w.lstrip('-')}", flags)
+            or _other_name(w, flags)
+            or _key_meant(w, flags)
+            or _elsewhere(w)
             for w in unknown
         )
         return f"no option {', '.join(map(''.join, zip(unknown, questions, strict=True)))}"
@@ -473,6 +488,12 @@ def _in_order(start: str, command: Command) -> str:
         return ""
     rest = "; REST is the unloaded sensor, such as rest.png or first" if "REST" in places else ""
     return f" in `{start} {' '.join(places)}`{rest}"
+
+
+def _elsewhere(flag: str) -> str:
+    """The command that has an option which another lacks; "" if none or several have it."""
+    having = [name for name, command in COMMANDS.items() if flag in _flags(command)]
+    return f" (it is an option of `{NAME} {having[0]}`)" if len(having) == 1 else ""
 
 
 def _key_meant(flag: str, flags: list[str]) -> str:

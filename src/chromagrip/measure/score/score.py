@@ -108,8 +108,8 @@ def score_tracks(
         if not (is_tracker(str(path)) or path.exists()):
             question = meant(str(path), tracker_names()) or module_meant(str(path))
             raise UserError(
-                f"there is no {path}{question}; wanted: a file or a folder of tracks, or a tracker: "
-                f"{', '.join(tracker_names())}, or module:Class"
+                f"there is no {path}{question}; wanted: a file or a folder of tracks, or a "
+                f"tracker: {', '.join(tracker_names())}, or module:Class"
             )
     if is_tracker(str(truth)):
         raise UserError(f"{truth} is a tracker, and stands before the truth: give {truth} DATA")
