@@ -146,7 +146,8 @@ def _lift(fingertip: Fingertip, obj: ContactObject, knots: Array, pieces: Array)
     if radius < 0.0 and not under.all():
         raise UserError(
             f"object curvature {obj.curvature!r} 1/m is a hollow of {-radius:.4g} m radius, too "
-            f"narrow for a fingertip {abs(x).max():.4g} m wide to each side"
+            f"narrow for a fingertip {abs(x).max():.4g} m wide to each side: expected a radius "
+            f"above 0 mm, or of {-1e3 * abs(x).max():.4g} mm or less for a hollow"
         )
     surface = radius - np.sign(radius) * np.sqrt(radius**2 - x[under] ** 2)
     return float((z[under] - surface).max())

@@ -4,6 +4,7 @@ Each kind of method (tracker, reconstructor, controller, renderer, integrator, g
 `Registry`.
 """
 
+import os
 import sys
 import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -69,7 +70,7 @@ class Registry:
             return
         if name not in self.descriptions():
             known = ", ".join(self.descriptions())
-            question = meant(name, self.descriptions())
+            question = meant(name, self.descriptions()) or module_meant(name)
             raise UserError(
                 f"no {self.kind} {name!r}{question}; there is {known}, or give module:Class"
             )
@@ -144,6 +145,24 @@ class Registry:
         """Methods of the protocol that a class or an object lacks."""
         required = (key for key in vars(self.protocol) if not key.startswith("_"))
         return [key for key in required if not hasattr(method, key)]
+
+
+def module_meant(name: str, what: str = "Class") -> str:
+    """Question that names the `module:Class` that was meant; "" if the name is of no module.
+
+    Parameters
+    ----------
+    name: as typed: a module in the working folder, or with a point in place of the colon
+    what: stands for the name that a module alone lacks
+    """
+    whole = name.removesuffix(".py")
+    module, _, last = whole.rpartition(".")
+    if not all(word.isidentifier() for word in whole.split(".")):
+        return ""
+    path = whole.replace(".", "/")
+    if any(map(os.path.isfile, (f"{path}.py", f"{path}/__init__.py"))):
+        module, last = whole, what
+    return f" (did you mean {module}:{last}?)" if module else ""
 
 
 def with_arguments(name: str) -> tuple[str, dict[str, Any]]:

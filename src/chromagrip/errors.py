@@ -72,5 +72,10 @@ def meant(word: str, known: Iterable[str]) -> str:
         beside = {
             each.rpartition(".")[2]: each for each in words if each.rpartition(".")[0] == table
         }
-        near = [beside[each] for each in get_close_matches(last, beside, n=1, cutoff=0.7)]
+        begun = last.lstrip("-")
+        least = 3  # letters of a beginning that is typed for the whole
+        starts = [each for each in beside if len(begun) >= least and each.startswith(last)]
+        nearest = (get_close_matches(last, each, n=1, cutoff=0.7) for each in (starts, beside))
+        found = next(nearest) or starts or next(nearest)
+        near = [beside[each] for each in found]
     return f" (did you mean {' or '.join(near[:2])}?)" if near else ""

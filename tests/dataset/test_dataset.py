@@ -403,7 +403,7 @@ def test_another_recipe_is_refused(tiny: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"is not empty; choose another$"):
         make(TINY, tmp_path)
     make(replace(TINY, seed=1, sequences=1), tmp_path / "seed1")
-    with pytest.raises(UserError, match="is of another recipe"):
+    with pytest.raises(UserError, match=r"another recipe than .*: sequences is 1, and there 3"):
         merge([tiny, tmp_path / "seed1"], tmp_path / "both")
     with pytest.raises(UserError, match="sequence-000000 is in"):
         merge([tiny, folder], tmp_path / "twice")
@@ -440,6 +440,10 @@ def test_an_address_wants_a_cluster(tmp_path: Path) -> None:
         ({"grip_n": {"uniform": [2.0, 1.0]}}, "the range from 2.0 to 1.0 is empty"),
         ({"motion": {"choice": ["drop"]}}, "allowed are press, grasp, slip"),
         ({"motion": {"choice": ["grasp"]}}, "draw.share is needed"),
+        (
+            {"motion": {"choice": ["press", "slip"]}, "sensor": {"choice": ["thesys"]}},
+            "mine.toml: no sensor design 'thesys'",
+        ),
         ({"slip_share": {"uniform": [0.5, 2.0]}}, "draw.slip_share reaches 0.5"),
     ],
 )

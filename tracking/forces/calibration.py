@@ -8,7 +8,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace as changed
 
-from ...errors import UserError, located
+from ...errors import UserError, located, meant
 from ...model import REFERENCE_NODES, Fingertip, SpringLaw
 from ...render import SensorDesign, load_sensor, sensor_names
 from ...strict_toml import Table, convert, read_toml
@@ -256,8 +256,9 @@ def load_calibration(name: str) -> SensorCalibration:
         return sensor_as_designed(name)
     if not name.endswith(".toml"):
         raise UserError(
-            f"no calibration {name!r}; give a .toml file of `chromagrip calibrate sensor`, or for "
-            f"a sensor as designed its .toml file or one of {', '.join(sensor_names())}"
+            f"no calibration {name!r}{meant(name, sensor_names())}; give a .toml file of "
+            "`chromagrip calibrate sensor`, or for a sensor as designed its .toml file or one of "
+            f"{', '.join(sensor_names())}"
         )
     folder, title = Path(name).parent, f"calibration {name}"
     values = read_toml(Path(name), title)

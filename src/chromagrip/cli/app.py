@@ -14,6 +14,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 import tyro
 from tyro.extras import SubcommandApp
 
+from ..by_name import module_meant
 from ..errors import UserError, meant
 from ..folders import make_scratch, remove_empty
 from ..strict_toml import all_keys
@@ -99,11 +100,26 @@ PURPOSES = {
         "doctor": "missing parts of the installation",
     },
 }
+#: Parts of this project that `./run bench` measures, in a checkout.
+OF_CHECKOUT = (
+    "chart-dome",
+    "chart-model",
+    "chart-render",
+    "dataset",
+    "fidelity",
+    "limits",
+    "model",
+    "render",
+    "speed",
+    "stability-dome",
+    "stability-model",
+)
 #: Options by the names that they have elsewhere.
 OTHER_NAMES = {
     "count": "--n",
     "depth": "--press-mm",
     "destination": "--out",
+    "error": "--tolerance",
     "format": "--to",
     "num": "--n",
     "rate": "--fps",
@@ -111,6 +127,16 @@ OTHER_NAMES = {
     "sequences": "--n",
     "threads": "--workers",
     "jobs": "--workers",
+}
+#: Placeholders of words without an option by options for which they are taken.
+OTHER_PLACES = {
+    "--data": "--truth",
+    "--dataset": "--truth",
+    "--image": "--source",
+    "--images": "--source",
+    "--tracker": "--tracks",
+    "--trackers": "--tracks",
+    "--video": "--source",
 }
 #: The same words without their purposes.
 FIRST = {name: words for names in PURPOSES.values() for name, words in names.items()}
@@ -228,6 +254,7 @@ def _parse(words: list[str], known: Mapping[str, Command], prog: str) -> partial
     else:
         _refuse_repeated(words, known[name])
         _refuse_bare(words, known[name])
+        _refuse_places(words, known[name], f"{prog} {name}")
     messages = io.StringIO()
     try:
         with redirect_stderr(messages):
@@ -242,8 +269,12 @@ def _parse(words: list[str], known: Mapping[str, Command], prog: str) -> partial
         sentence = _sentence(messages.getvalue())
         left = sentence.removeprefix("unrecognized options: ")
         if left != sentence:
-            flags = _flags(known[name]) if name else []
+            flags = list(_flags(known[name])) if name else []
             sentence = _too_many(left.split(", "), words, name or NAME, flags)
+        elif name and (bare := re.fullmatch(r"(\w+): its value is missing", sentence)):
+            sentence = f"missing: {bare[1].upper()}{_in_order(f'{prog} {name}', known[name])}"
+        elif name and sentence.startswith("missing: "):
+            sentence += _in_order(f"{prog} {name}", known[name])
         raise UserError(f"{sentence}; see `{page}`") from None
 
 
@@ -321,16 +352,21 @@ def _check_group(words: list[str], known: Mapping[str, Command]) -> None:
         question = meant(words[0], (*_first_words(), *MOVED))
         raise UserError(f"no command {words[0]!r}{question}; there is {', '.join(_first_words())}")
     if members and words[1:2] not in ([], ["-h"], ["--help"]):
-        question = meant(words[1], members)
+        question = meant(words[1], members) or module_meant(words[1], "function")
+        part = words[1] if words[0] == "bench" else f"{words[0]}-{words[1]}"
+        if part in OF_CHECKOUT:
+            question = f" (in a checkout it is `./run bench {part}`)"
         raise UserError(f"{words[0]} {words[1]}{question}: there is {', '.join(members)}")
 
 
-def _flags(command: Command) -> list[str]:
-    """Names of the options of a command, as they are typed."""
-    flags = []
+def _flags(command: Command) -> dict[str, Any]:
+    """Types of the options of a command, by their names as they are typed."""
+    flags = {}
     for name, hint in _hints(command).items():
-        given = next((one.name for one in get_args(hint)[1:] if getattr(one, "name", None)), None)
-        flags.append(f"--{given or name.replace('_', '-')}")
+        marks = get_args(hint)[1:]
+        if tyro.conf.Positional not in marks:
+            given = next((one.name for one in marks if getattr(one, "name", None)), None)
+            flags[f"--{given or name.replace('_', '-')}"] = hint
     return flags
 
 
@@ -344,7 +380,7 @@ def _refuse_repeated(words: list[str], command: Command) -> None:
     """Refuse an option that is given twice, unless it collects its values."""
     lists = (
         flag
-        for flag, hint in zip(_flags(command), _hints(command).values(), strict=True)
+        for flag, hint in _flags(command).items()
         if tyro.conf.UseAppendAction in get_args(hint)[1:]
     )
     several = set(lists)
@@ -357,7 +393,7 @@ def _refuse_repeated(words: list[str], command: Command) -> None:
 
 def _refuse_bare(words: list[str], command: Command) -> None:
     """Refuse an option of several values that has none."""
-    for flag, hint in zip(_flags(command), _hints(command).values(), strict=True):
+    for flag, hint in _flags(command).items():
         kind, *marks = get_args(hint) or (None,)
         if get_origin(kind) is not tuple or tyro.conf.UseAppendAction in marks:
             continue
@@ -366,6 +402,29 @@ def _refuse_bare(words: list[str], command: Command) -> None:
         ]
         if following and (not following[0] or following[0].startswith("--")):
             raise UserError(f"{flag}: its value is missing")
+
+
+def _refuse_places(words: list[str], command: Command, start: str) -> None:
+    """Refuse an option for a value that the command takes as a word.
+
+    Parameters
+    ----------
+    start: start of the command line
+    """
+    places, flags = " ".join(_places(command)).split(), _flags(command)
+    plain = [f"--{place.partition('|')[0].strip('.').lower()}" for place in places]
+    for word, after in zip(words, [*words[1:], ""], strict=True):
+        flag, _, value = word.partition("=")
+        if not flag.startswith("--") or flag in flags:
+            continue
+        asked = flag if flag in plain or meant(flag, flags) else OTHER_PLACES.get(flag)
+        if asked in plain:
+            found = plain.index(asked)
+            places[found] = value or after or places[found]
+            raise UserError(
+                f"no option {flag}: its value is a word without an option, as in "
+                f"`{start} {' '.join(places)}`; see `{start} --help`"
+            )
 
 
 def _too_many(left: list[str], words: list[str], name: str, flags: list[str]) -> str:
@@ -381,7 +440,10 @@ def _too_many(left: list[str], words: list[str], name: str, flags: list[str]) ->
     unknown = [word.partition("=")[0] for word in left if re.match(r"--?[A-Za-z]", word)]
     if unknown:
         questions = (
-            meant(f"--{w.lstrip('-')}", flags) or _other_name(w, flags) or _key_meant(w, flags)
+            meant(f"--{w.lstrip('-')}", flags)
+            or _other_name(w, flags)
+            or _key_meant(w, flags)
+            or _elsewhere(w)
             for w in unknown
         )
         return f"no option {', '.join(map(''.join, zip(unknown, questions, strict=True)))}"
@@ -397,14 +459,41 @@ def _too_many(left: list[str], words: list[str], name: str, flags: list[str]) ->
         return f"{word} has no option before it: write --set {word}"
     if before[-1] in flags:
         return f"{before[-1]} takes no value, got {word}"
-    scene = f" (did you mean --scene {word}?)" if before[-1] == name and "--scene" in flags else ""
-    return f"one word too many: {word} after {before[-1]}{scene}"
+    alone = before[-1] == name.rpartition(" ")[2]  # --sensor takes no picture
+    likely = ("--scene", "--sensor") if Path(word).suffix in ("", ".toml") else ()
+    option = next((flag for flag in likely if flag in flags), "") if alone else ""
+    question = f" (did you mean {option} {word}?)" if option else ""
+    return f"one word too many: {word} after {before[-1]}{question}"
 
 
 def _other_name(flag: str, flags: list[str]) -> str:
     """Question that names the option that other programs call so; "" if there is none."""
-    option = OTHER_NAMES.get(flag.lstrip("-"))
-    return f" (did you mean {option}?)" if option in flags else ""
+    word = flag.lstrip("-")
+    options = [OTHER_NAMES.get(word), *(each for each in flags if word in each.split("-"))]
+    option = next((each for each in options if each in flags), None)
+    return f" (did you mean {option}?)" if option else ""
+
+
+def _places(command: Command) -> list[str]:
+    """Placeholders of the words that a command takes without an option, in their order."""
+    marks = [get_args(hint)[1:] for hint in _hints(command).values()]
+    own = [each for each in marks if tyro.conf.Positional in each]
+    return [next(one.metavar for one in each if getattr(one, "metavar", None)) for each in own]
+
+
+def _in_order(start: str, command: Command) -> str:
+    """The order of a command's words, where one is missing and several are needed."""
+    places = _places(command)
+    if len(places) < 2:
+        return ""
+    rest = "; REST is the unloaded sensor, such as rest.png or first" if "REST" in places else ""
+    return f" in `{start} {' '.join(places)}`{rest}"
+
+
+def _elsewhere(flag: str) -> str:
+    """The command that has an option which another lacks; "" if none or several have it."""
+    having = [name for name, command in COMMANDS.items() if flag in _flags(command)]
+    return f" (it is an option of `{NAME} {having[0]}`)" if len(having) == 1 else ""
 
 
 def _key_meant(flag: str, flags: list[str]) -> str:

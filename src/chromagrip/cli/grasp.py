@@ -360,6 +360,11 @@ def report(
     from ..loop.results.reports import write_logs_again, write_reports
 
     check_least(max_rows=(max_rows, 1))
+    if not folders:
+        raise UserError(
+            "no run is given: give one to six folders that `chromagrip grasp` made, such as "
+            "`chromagrip report runs/thesis-safety-margin-001`"
+        )
     if out is not None and out.parent.is_dir():  # a missing folder is made
         check_file(out, {".html"}, overwrite=True)
     if out is None and len(folders) > 1:

@@ -1,6 +1,7 @@
 """The commands `score`, `sweep` and `reproduce`."""
 
 import json
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -161,6 +162,9 @@ def score(
 
 
 def sweep(
+    scene_name: Annotated[
+        str | None, tyro.conf.Positional, option("scene, same as one --scene", "SCENE")
+    ] = None,
     *,
     vary: Annotated[
         tuple[str, ...],
@@ -214,12 +218,23 @@ def sweep(
     Example: chromagrip sweep --scene thesis --vary object.friction=0.3,0.5 --path truth --seeds 1
     """
     check_least(seeds=(seeds, 1), workers=(workers, 1))
+    if scene_name in scenes:
+        raise UserError(f"a scene is given twice: {scene_name} and --scene {scene_name}")
+    scenes = scenes if scene_name is None else (scene_name, *scenes)
+    if not (vary or arguments or scenes or controllers or path or changes):
+        raise UserError(
+            "nothing is varied: give --vary, --arg, --controller or a scene, such as "
+            "`chromagrip sweep thesis --vary object.friction=0.3,0.5`"
+        )
     if not answer_within > 0.0:
         raise UserError(f"--answer-within {answer_within}: expected more than 0; inf is no limit")
     axes = [_axis(text, "--vary", "") for text in vary]
     axes += [_axis(text, "--arg", "controller_arguments.") for text in arguments]
     shortcuts = {} if path is None else {"path": path}
     fixed = shortcuts | changes_of(changes, shortcuts)
+    for text in changes:
+        if _is_several(text):
+            raise UserError(f"--set {text}: several values are varied: give --vary {text}")
     if controllers:
         axes.insert(0, ("controller", controllers))
     names = [name for name, _ in axes]
@@ -251,6 +266,12 @@ def sweep(
     with status() as progress, going_on(out, UNFINISHED):
         report = measure_sweep(plan, out, overwrite, workers, progress)
     return print_result(report, out, json_only)
+
+
+def _is_several(text: str) -> bool:
+    """Whether the value of KEY=VALUE is several numbers, with commas and without brackets."""
+    values = text.partition("=")[2].split(",")
+    return len(values) > 1 and all(re.fullmatch(r"\s*[-+.\d][-+.\deE]*\s*", v) for v in values)
 
 
 def _axis(text: str, flag: str, prefix: str) -> tuple[str, tuple[Any, ...]]:

@@ -39,7 +39,7 @@ from ..output.versions import versions
 from ..strange_files import inside, read_small, shortened
 from ..strict_toml import read_toml
 from .labels.tables import MEND
-from .recipe import CASE, Recipe, dump_recipe, load_recipe, portable
+from .recipe import CASE, Recipe, difference, dump_recipe, load_recipe, portable
 
 Content = TypeVar("Content")
 #: Name of a file or folder.
@@ -319,8 +319,12 @@ def keep_recipe(recipe: Recipe, folder: Path) -> None:
     path = folder / RECIPE
     if path.exists():
         before = open_recipe(folder)
-        if dump_recipe(replace(before, sequences=recipe.sequences)) != dump_recipe(recipe):
-            raise UserError(f"{folder} holds a dataset of another recipe, see its {RECIPE}")
+        alike = replace(before, sequences=recipe.sequences)
+        if dump_recipe(alike) != dump_recipe(recipe):
+            raise UserError(
+                f"{folder} holds a dataset of another recipe, see its {RECIPE}: "
+                f"{difference(recipe, alike)}"
+            )
         if before.sequences > recipe.sequences:
             raise UserError(
                 f"{folder} is to have {before.sequences} sequences; it can get more, not fewer"

@@ -43,7 +43,7 @@ from .folder import (
 from .frozen import refuse_older
 from .own_files import keep_files
 from .read import check_files, check_shared, verified
-from .recipe import Recipe, check_asked, portable
+from .recipe import Recipe, check_asked, difference, portable
 from .remote import Sender, fetch_begun, fetched, has_dataset, is_address, staged
 from .sequence import was_drawn, write_sequence
 
@@ -235,8 +235,10 @@ def merge(folders: Iterable[Place], out: Place, *, follow_links: bool = False) -
     manifests = [check_shared(folder) for folder in shards]
     origins: dict[str, Path] = {}
     for folder, manifest in zip(shards, manifests, strict=True):
-        if portable(open_recipe(folder), folder) != portable(recipe, shards[0]):
-            raise UserError(f"{folder} is of another recipe than {shards[0]}")
+        own, shared = portable(open_recipe(folder), folder), portable(recipe, shards[0])
+        if own != shared:
+            differs = difference(own, shared)
+            raise UserError(f"{folder} is of another recipe than {shards[0]}: {differs}")
         differ = sorted(name for name, _ in _own(folder) ^ _own(shards[0]))
         if differ:
             what = "sensor" if differ[0].startswith(SENSORS) else "mesh"

@@ -200,6 +200,15 @@ def dump_recipe(recipe: Recipe) -> str:
     return tomli_w.dumps(as_in_file(values))
 
 
+def difference(recipe: Recipe, other: Recipe) -> str:
+    """First key in which two recipes differ, with both values."""
+    one, two = (dotted(msgspec.to_builtins(each)) for each in (recipe, other))
+    key = next((key for key in {**one, **two} if one.get(key) != two.get(key)), "")
+    if key in ("", "cases"):
+        return "their cases differ" if key else "the order of their keys differs"
+    return f"{key} is {one.get(key, 'not given')}, and there {two.get(key, 'not given')}"
+
+
 def cases_of(recipe: Recipe) -> list[Recipe]:
     """Split a recipe into one for each case, which draws the case's name."""
     return [
@@ -312,16 +321,30 @@ def _check_case(recipe: Recipe, name: str) -> None:
                 raise UserError(
                     f"recipe {name}: draw.{key} reaches {end}; {low:g} to {high:g} is allowed"
                 )
-    middle = {key: ends(how)[0] for key, how in recipe.draw.items()}
+    first = {key: ends(how)[0] for key, how in recipe.draw.items()}
     own = {key: how for key, how in recipe.draw.items() if key != CASE}
     tried = [(key, end) for key, how in own.items() for end in ends(how)]
-    for values in [{key: end} for key, end in tried] or [{}]:
-        try:
-            scene_of(recipe, 0, middle | values)
-        except UserError as error:
-            reason = str(error).removeprefix("scene recipe, sequence 0: ")
-            at = "".join(f"draw.{key} reaches {end}: " for key, end in values.items())
-            raise UserError(f"recipe {name}: {at}{reason}") from None
+    if reason := _refusal(recipe, first):
+        # Of a drawn value if it names the key or another value is allowed, else of the scene.
+        near = (
+            key
+            for key, end in tried
+            if reason.startswith(f"{key} ") or not _refusal(recipe, first | {key: end})
+        )
+        at = next((f"draw.{key} reaches {first[key]}: " for key in near), "")
+        raise UserError(f"recipe {name}: {at}{reason}")
+    for key, end in tried:
+        if reason := _refusal(recipe, first | {key: end}):
+            raise UserError(f"recipe {name}: draw.{key} reaches {end}: {reason}")
+
+
+def _refusal(recipe: Recipe, values: Values) -> str:
+    """Why no scene can have these drawn values; "" if one can."""
+    try:
+        scene_of(recipe, 0, values)
+    except UserError as error:
+        return str(error).removeprefix("scene recipe, sequence 0: ")
+    return ""
 
 
 def check_asked(recipe: Recipe) -> None:

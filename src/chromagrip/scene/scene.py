@@ -33,7 +33,7 @@ from ..model import (
     stiffness_from_young,
 )
 from ..model.dome import per_area
-from ..render import RENDERERS, Defects, SensorDesign, load_sensor
+from ..render import RENDERERS, Defects, SensorDesign, load_sensor, sensor_names
 from ..strict_toml import Table, Values, convert, parse_toml, read_toml
 from .actuator import ActuatorSettings
 from .controllers import CONTROLLERS
@@ -386,8 +386,9 @@ def load_scene(
     elif name.endswith(".toml"):
         path = Path(name)
     else:
+        question = meant(name, scene_names()) or _other_kind(name)
         raise UserError(
-            f"no scene {name!r}{meant(name, scene_names())}; there is {', '.join(scene_names())}, "
+            f"no scene {name!r}{question}; there is {', '.join(scene_names())}, "
             "or give a .toml file"
         )
     values = with_allowed(read_toml(path, f"scene file {name}"), allow)
@@ -400,6 +401,17 @@ def load_scene(
         _put(values, key, value)
     _locate_files(values, Path())
     return parse_scene(values, name)
+
+
+def _other_kind(name: str) -> str:
+    """How to give a controller or a sensor that stands in a scene's place; "" for other names."""
+    if name in CONTROLLERS.descriptions() or ":" in name:
+        kind = "controller"
+    elif name in sensor_names():
+        kind = "sensor"
+    else:
+        return ""
+    return f" (as a {kind} it is --{kind} {name}, or --set {kind}={name})"
 
 
 def _locate_files(values: Values, folder: Path) -> None:

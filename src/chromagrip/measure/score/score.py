@@ -11,10 +11,12 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from ...errors import located
+from ...by_name import module_meant
+from ...errors import UserError, located, meant
 from ...folders import prepared, whole_file, write_whole
 from ...output.page import PageSection, inline_png, write_page
 from ...output.report import Table
+from ...tracking import tracker_names
 from .intervals import intervals
 from .points import MOST_ROWS, read_points
 from .scores import MEANING, UNITS, Scored, score, score_nothing
@@ -103,6 +105,15 @@ def score_tracks(
         When tracks or truth cannot be read or are damaged, or are not of each other, or a tracker
         gives up.
     """
+    for path in tracks:
+        if not (is_tracker(str(path)) or path.exists()):
+            question = meant(str(path), tracker_names()) or module_meant(str(path))
+            raise UserError(
+                f"there is no {path}{question}; wanted: a file or a folder of tracks, or a "
+                f"tracker: {', '.join(tracker_names())}, or module:Class"
+            )
+    if is_tracker(str(truth)):
+        raise UserError(f"{truth} is a tracker, and stands before the truth: give {truth} DATA")
     with prepared(out, overwrite):
         with TemporaryDirectory() as temporary:
             outcomes = []
@@ -361,7 +372,7 @@ def _write(outcomes: Sequence[Outcome], truth: Path, out: Path) -> None:
         picture = Markup()
         if outcome.worst is not None:
             data = cv2.imencode(".png", outcome.worst[..., ::-1])[1].tobytes()
-            write_whole(out / f"worst-{outcome.name}.png", data)
+            write_whole(out / f"worst-{outcome.name.replace(':', '-')}.png", data)
             picture = inline_png(data, f"worst frames of {outcome.name}")
         lines = tuple(
             (name, *(words(scores.get(key, np.nan)) for key in UNITS))
