@@ -180,6 +180,10 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("render --load nan", "--load nan N: expected a finite number"),
         ("render --object bal", "--object bal (did you mean ball?) is neither a file nor one of "),
         ("render --object ball --press-mm -1", "--press-mm -1: expected 0 or more"),
+        ("render --object ball --tilt-deg 200 0", "--tilt-deg 200: expected -90 to 90 about each "),
+        ("render --object ball --tilt-deg 0 nan", "--tilt-deg nan: expected a finite number"),
+        ("render --object ball --press-mm 200", "a press of 200 mm: expected less than 4."),
+        ("render --object ball --force 0 0 900", "and 900 N down: expected less than "),
         ("render --object ball --force 0 0 -2", "--force -2 N downwards: expected 0 or more"),
         ("limit --grip -1", "--grip must be finite and above 0, got -1 N"),
         (
