@@ -244,6 +244,25 @@ def test_a_wrong_command_line_is_one_sentence(line: str, words: str, typed: Type
     assert done.stdout == ""
 
 
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("score blobs data", "there is no blobs (did you mean blob or blobs:Class?); wanted: "),
+        ("grasp --controller blobs", "no controller 'blobs' (did you mean blobs:Class?); there is"),
+        ("grasp --controller blobs.py", "no controller 'blobs.py' (did you mean blobs:Class?); "),
+        ("bench blobs", "bench blobs (did you mean blobs:function?): there is control, force, "),
+        ("list blobs", "list blobs: there is scenes, "),
+    ],
+)
+def test_a_module_of_the_working_folder_is_named_as_it_is_given(
+    line: str, words: str, typed: Typed, tmp_path: Path
+) -> None:
+    (tmp_path / "blobs.py").touch()
+    done = typed(*line.split())
+    assert (done.returncode, words in done.stderr) == (2, True), done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["blobs.py"]
+
+
 @pytest.mark.parametrize("name", LISTS)
 def test_lists_are_the_same_in_json(name: str, typed: Typed) -> None:
     lines = typed("list", name).stdout.splitlines()

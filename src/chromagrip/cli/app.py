@@ -14,7 +14,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 import tyro
 from tyro.extras import SubcommandApp
 
-from ..by_name import module_meant
+from ..by_name import method_meant
 from ..errors import UserError, meant
 from ..folders import make_scratch, remove_empty
 from ..strict_toml import all_keys
@@ -352,7 +352,9 @@ def _check_group(words: list[str], known: Mapping[str, Command]) -> None:
         question = meant(words[0], (*_first_words(), *MOVED))
         raise UserError(f"no command {words[0]!r}{question}; there is {', '.join(_first_words())}")
     if members and words[1:2] not in ([], ["-h"], ["--help"]):
-        question = meant(words[1], members) or module_meant(words[1], "function")
+        question = meant(words[1], members)
+        if words[0] in STUDIES:
+            question = method_meant(words[1], members, "function")
         part = words[1] if words[0] == "bench" else f"{words[0]}-{words[1]}"
         if part in OF_CHECKOUT:
             question = f" (in a checkout it is `./run bench {part}`)"
