@@ -93,6 +93,8 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("grasp thesis margin-60hz", "one word too many: margin-60hz after thesis"),
         ("render thesis", "one word too many: thesis after render (did you mean --scene thesis?)"),
         ("limit fovea", "one word too many: fovea after limit (did you mean --sensor fovea?)"),
+        ("limit marks.png", "marks.png after limit (--sensor takes a name or a .toml file)"),
+        ("sweep thesis jerk-1", "jerk-1 after thesis (did you mean --scene jerk-1?)"),
         ("track dots.mp4", "missing: SOURCE in `chromagrip track REST SOURCE`; REST is the unload"),
         ("track --rest a.png --source b", "no option --rest: its value is a word without an opt"),
         ("score --tracker lk data", "as in `chromagrip score lk TRUTH`; see `chromagrip score "),
@@ -261,6 +263,20 @@ def test_a_module_of_the_working_folder_is_named_as_it_is_given(
     done = typed(*line.split())
     assert (done.returncode, words in done.stderr) == (2, True), done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["blobs.py"]
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("grasp empty.toml", "scene file empty.toml has no keys: give at least one, such as dura"),
+        ("dataset make empty.toml --out a", "recipe empty.toml has no keys: give at least one, su"),
+        ("limit --sensor empty.toml", "empty.toml: the key description is missing"),
+    ],
+)
+def test_an_empty_file_is_refused(line: str, words: str, typed: Typed, tmp_path: Path) -> None:
+    (tmp_path / "empty.toml").touch()
+    done = typed(*line.split())
+    assert (done.returncode, words in done.stderr) == (2, True), done.stderr
 
 
 @pytest.mark.parametrize("name", LISTS)

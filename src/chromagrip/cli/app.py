@@ -461,10 +461,12 @@ def _too_many(left: list[str], words: list[str], name: str, flags: list[str]) ->
         return f"{word} has no option before it: write --set {word}"
     if before[-1] in flags:
         return f"{before[-1]} takes no value, got {word}"
-    alone = before[-1] == name.rpartition(" ")[2]  # --sensor takes no picture
-    likely = ("--scene", "--sensor") if Path(word).suffix in ("", ".toml") else ()
-    option = next((flag for flag in likely if flag in flags), "") if alone else ""
-    question = f" (did you mean {option} {word}?)" if option else ""
+    question = ""
+    option = next((flag for flag in ("--scene", "--sensor") if flag in flags), "")
+    if option and (before[-1] == name or name == "sweep"):  # which takes several scenes
+        question = f" (did you mean {option} {word}?)"
+        if Path(word).suffix not in ("", ".toml"):
+            question = f" ({option} takes a name or a .toml file)"
     return f"one word too many: {word} after {before[-1]}{question}"
 
 
