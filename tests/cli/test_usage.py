@@ -13,7 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from chromagrip.cli.app import COMMANDS, STUDIES, commands_of
+from benchmarks.__main__ import load
+from chromagrip.cli.app import COMMANDS, OF_CHECKOUT, STUDIES, commands_of
+from chromagrip.measure.study import studies
 
 Typed = Callable[..., subprocess.CompletedProcess[str]]
 LISTS = [
@@ -277,6 +279,11 @@ def test_an_empty_file_is_refused(line: str, words: str, typed: Typed, tmp_path:
     (tmp_path / "empty.toml").touch()
     done = typed(*line.split())
     assert (done.returncode, words in done.stderr) == (2, True), done.stderr
+
+
+def test_what_a_checkout_measures_is_known() -> None:
+    load()
+    assert sorted(studies("project")) == sorted(OF_CHECKOUT)
 
 
 @pytest.mark.parametrize("name", LISTS)
