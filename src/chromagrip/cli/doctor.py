@@ -1,4 +1,4 @@
-"""What this machine lacks, and the command that mends it.
+"""What this machine lacks, the command that mends it, and the caches that it has.
 
 Nothing but the standard library is imported before it is checked: a missing part must not keep the
 doctor from naming it.
