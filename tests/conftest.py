@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import os
 import shutil
 import signal
@@ -52,6 +53,7 @@ def typed(
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(options, "EVERY_S", math.inf)  # however long it takes here
     monkeypatch.setattr(options, "_received", [])
     monkeypatch.setattr(options, "_interrupted", threading.Event())
 

@@ -70,7 +70,7 @@ class Registry:
             return
         if name not in self.descriptions():
             known = ", ".join(self.descriptions())
-            question = meant(name, self.descriptions()) or module_meant(name)
+            question = method_meant(name, self.descriptions())
             raise UserError(
                 f"no {self.kind} {name!r}{question}; there is {known}, or give module:Class"
             )
@@ -147,14 +147,22 @@ class Registry:
         return [key for key in required if not hasattr(method, key)]
 
 
-def module_meant(name: str, what: str = "Class") -> str:
-    """Question that names the `module:Class` that was meant; "" if the name is of no module.
+def method_meant(name: str, known: Iterable[str], what: str = "Class") -> str:
+    """Question that names the known method, or the `module:Class`, that was meant; "" if none is.
 
     Parameters
     ----------
-    name: as typed: a module in the working folder, or with a point in place of the colon
+    name: as typed: almost a known one, a module in the working folder, or `module.Class`
+    known: names of methods
     what: stands for the name that a module alone lacks
     """
+    near, own = meant(name, known), _in_module(name, what)
+    if near and own:
+        return near.replace("?)", f" or {own}?)")
+    return near or (own and f" (did you mean {own}?)")
+
+
+def _in_module(name: str, what: str) -> str:
     whole = name.removesuffix(".py")
     module, _, last = whole.rpartition(".")
     if not all(word.isidentifier() for word in whole.split(".")):
@@ -162,7 +170,7 @@ def module_meant(name: str, what: str = "Class") -> str:
     path = whole.replace(".", "/")
     if any(map(os.path.isfile, (f"{path}.py", f"{path}/__init__.py"))):
         module, last = whole, what
-    return f" (did you mean {module}:{last}?)" if module else ""
+    return f"{module}:{last}" if module else ""
 
 
 def with_arguments(name: str) -> tuple[str, dict[str, Any]]:

@@ -109,6 +109,8 @@ def _plain(message: str, key: str, kind: Any) -> str:
         allowed = [str(member.__struct_config__.tag) for member in _members(kind)]
         return f"{tag} must be one of {', '.join(allowed)}"
     wanted = message.partition("`")[2].partition("`")[0]
+    if message.startswith("Object missing required field"):
+        return f"the key {wanted} is missing"
     for type_name, word in _WORDS.items():
         message = message.replace(f"`{type_name}`", word)
     example = _EXAMPLES.get(wanted, "") if ", got " in message else ""  # not out of bounds

@@ -298,6 +298,23 @@ def test_doctor_names_what_is_missing_and_how_to_mend_it(
     assert "numpy" in done.stdout
 
 
+def test_doctor_names_caches_with_their_size_and_place(
+    typed: Typed, no_kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(no_kept / "chosen"))
+    sizes = {"chromagrip/domes": 3, "chromagrip/readouts": 20, "chosen/chromagrip/kernels": 5}
+    for name, megabytes in sizes.items():
+        (no_kept / name).mkdir(parents=True)
+        (no_kept / name / "kept").write_bytes(bytes(megabytes * 1_000_000))
+    lines = typed("doctor", start=main).stdout.splitlines()
+    named = {"domes": "elasticity of domes", "readouts": "trained read-outs"}
+    for name, words in (*named.items(), ("kernels", "compiled kernels")):
+        folder = next(each for each in sizes if each.endswith(name))
+        told = f"cache of {words}: ok ({sizes[folder]} MB in {no_kept / folder})"
+        assert told in lines
+    assert not any("cache of distances" in line for line in lines)
+
+
 def test_a_reader_that_leaves_is_no_error_to_tell() -> None:
     """As with `chromagrip bench … | head -1`."""
     read, write = os.pipe()

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from chromagrip.cli import readouts
-from chromagrip.cli.options import counting
+from chromagrip.cli.options import counting, status
 from chromagrip.tracking import sensor_as_designed
 
 Typed = Callable[..., CompletedProcess[str]]
@@ -73,6 +73,23 @@ def test_a_table_that_is_solved_is_said_in_a_log(capsys: pytest.CaptureFixture[s
         move(0, 3)
         move(1, 3)
     assert capsys.readouterr().err == "chromagrip: solving something, once\n"
+
+
+def test_long_work_is_told_in_lines_where_there_is_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = 0.0
+    monkeypatch.setattr("chromagrip.cli.options.time.monotonic", lambda: now)
+    with counting("rendering", "poses") as move, status() as report:
+        for now in (9.0, 11.0, 15.0, 20.0, 22.0):
+            move(int(now), 80)
+            report(f"round {now:g}")
+    assert capsys.readouterr().err.splitlines() == [
+        "chromagrip: rendering: 11 of 80 poses",
+        "chromagrip: round 11",
+        "chromagrip: rendering: 22 of 80 poses",
+        "chromagrip: round 22",
+    ]
 
 
 def test_tables_of_a_dome_are_solved_before_its_pictures_are_read(

@@ -13,7 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from chromagrip.cli.app import COMMANDS, STUDIES, commands_of
+from benchmarks.__main__ import load
+from chromagrip.cli.app import COMMANDS, OF_CHECKOUT, STUDIES, commands_of
+from chromagrip.measure.study import studies
 
 Typed = Callable[..., subprocess.CompletedProcess[str]]
 LISTS = [
@@ -93,6 +95,8 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("grasp thesis margin-60hz", "one word too many: margin-60hz after thesis"),
         ("render thesis", "one word too many: thesis after render (did you mean --scene thesis?)"),
         ("limit fovea", "one word too many: fovea after limit (did you mean --sensor fovea?)"),
+        ("limit marks.png", "marks.png after limit (--sensor takes a name or a .toml file)"),
+        ("sweep thesis jerk-1", "jerk-1 after thesis (did you mean --scene jerk-1?)"),
         ("track dots.mp4", "missing: SOURCE in `chromagrip track REST SOURCE`; REST is the unload"),
         ("track --rest a.png --source b", "no option --rest: its value is a word without an opt"),
         ("score --tracker lk data", "as in `chromagrip score lk TRUTH`; see `chromagrip score "),
@@ -180,6 +184,10 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("render --load nan", "--load nan N: expected a finite number"),
         ("render --object bal", "--object bal (did you mean ball?) is neither a file nor one of "),
         ("render --object ball --press-mm -1", "--press-mm -1: expected 0 or more"),
+        ("render --object ball --tilt-deg 200 0", "--tilt-deg 200: expected -90 to 90 about each "),
+        ("render --object ball --tilt-deg 0 nan", "--tilt-deg nan: expected a finite number"),
+        ("render --object ball --press-mm 200", "a press of 200 mm: expected less than 4."),
+        ("render --object ball --force 0 0 900", "and 900 N down: expected less than "),
         ("render --object ball --force 0 0 -2", "--force -2 N downwards: expected 0 or more"),
         ("limit --grip -1", "--grip must be finite and above 0, got -1 N"),
         (
@@ -238,6 +246,44 @@ def test_a_wrong_command_line_is_one_sentence(line: str, words: str, typed: Type
     assert done.stderr.startswith("chromagrip: ")
     assert len(done.stderr.splitlines()) == 1
     assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("score blobs data", "there is no blobs (did you mean blob or blobs:Class?); wanted: "),
+        ("grasp --controller blobs", "no controller 'blobs' (did you mean blobs:Class?); there is"),
+        ("grasp --controller blobs.py", "no controller 'blobs.py' (did you mean blobs:Class?); "),
+        ("bench blobs", "bench blobs (did you mean blobs:function?): there is control, force, "),
+        ("list blobs", "list blobs: there is scenes, "),
+    ],
+)
+def test_a_module_of_the_working_folder_is_named_as_it_is_given(
+    line: str, words: str, typed: Typed, tmp_path: Path
+) -> None:
+    (tmp_path / "blobs.py").touch()
+    done = typed(*line.split())
+    assert (done.returncode, words in done.stderr) == (2, True), done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["blobs.py"]
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("grasp empty.toml", "scene file empty.toml has no keys: give at least one, such as dura"),
+        ("dataset make empty.toml --out a", "recipe empty.toml has no keys: give at least one, su"),
+        ("limit --sensor empty.toml", "empty.toml: the key description is missing"),
+    ],
+)
+def test_an_empty_file_is_refused(line: str, words: str, typed: Typed, tmp_path: Path) -> None:
+    (tmp_path / "empty.toml").touch()
+    done = typed(*line.split())
+    assert (done.returncode, words in done.stderr) == (2, True), done.stderr
+
+
+def test_what_a_checkout_measures_is_known() -> None:
+    load()
+    assert sorted(studies("project")) == sorted(OF_CHECKOUT)
 
 
 @pytest.mark.parametrize("name", LISTS)

@@ -78,6 +78,21 @@ def test_runs_of_one_name_are_told_apart(held: Path, tmp_path: Path) -> None:
     assert f"<th>{held.parent.name}/held</th>" in page
 
 
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("estimates.parquet", "made by `chromagrip estimate`: open its figure.png"),
+        ("tracks.csv", "made by `chromagrip track`: `chromagrip score` reads it"),
+        ("manifest.json", "made by `chromagrip dataset make`: `chromagrip dataset info` reads it"),
+        ("leaderboard.html", "made by `chromagrip score`: open leaderboard.html"),
+    ],
+)
+def test_a_folder_of_another_command_is_called_by_it(file: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / file).touch()
+    with pytest.raises(UserError, match=f"is not a finished run: .*; it was {said}"):
+        write_reports([tmp_path])
+
+
 def test_errors_are_sentences(held: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"is not a finished run: it has no summary\.json"):
         write_reports([tmp_path])

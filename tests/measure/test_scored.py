@@ -263,6 +263,14 @@ def test_the_command_ranks_trackers_on_a_dataset(
     assert {file.name for file in out.iterdir()} == {
         "scores.json", "leaderboard.html", "worst-fit.png", "worst-lk.png",
     }  # fmt: skip
+    # A tracker of one's own by its name, which has characters that a file's may not have.
+    (tmp_path / "still.py").write_text(
+        "from chromagrip.tracking.baselines.flow import LucasKanade as Still\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    assert chromagrip(monkeypatch, "score", "still:Still", sequence, "--out", "own-scores") == 0
+    assert (tmp_path / "own-scores" / "worst-still-Still.png").is_file()
     # Which of two sequences is not guessed, and none is left out in silence.
     own = tmp_path / "own"
     own.mkdir()

@@ -14,7 +14,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 import tyro
 from tyro.extras import SubcommandApp
 
-from ..by_name import module_meant
+from ..by_name import method_meant
 from ..errors import UserError, meant
 from ..folders import make_scratch, remove_empty
 from ..strict_toml import all_keys
@@ -352,7 +352,9 @@ def _check_group(words: list[str], known: Mapping[str, Command]) -> None:
         question = meant(words[0], (*_first_words(), *MOVED))
         raise UserError(f"no command {words[0]!r}{question}; there is {', '.join(_first_words())}")
     if members and words[1:2] not in ([], ["-h"], ["--help"]):
-        question = meant(words[1], members) or module_meant(words[1], "function")
+        question = meant(words[1], members)
+        if words[0] in STUDIES:
+            question = method_meant(words[1], members, "function")
         part = words[1] if words[0] == "bench" else f"{words[0]}-{words[1]}"
         if part in OF_CHECKOUT:
             question = f" (in a checkout it is `./run bench {part}`)"
@@ -459,10 +461,12 @@ def _too_many(left: list[str], words: list[str], name: str, flags: list[str]) ->
         return f"{word} has no option before it: write --set {word}"
     if before[-1] in flags:
         return f"{before[-1]} takes no value, got {word}"
-    alone = before[-1] == name.rpartition(" ")[2]  # --sensor takes no picture
-    likely = ("--scene", "--sensor") if Path(word).suffix in ("", ".toml") else ()
-    option = next((flag for flag in likely if flag in flags), "") if alone else ""
-    question = f" (did you mean {option} {word}?)" if option else ""
+    question = ""
+    option = next((flag for flag in ("--scene", "--sensor") if flag in flags), "")
+    if option and (before[-1] == name or name == "sweep"):  # which takes several scenes
+        question = f" (did you mean {option} {word}?)"
+        if Path(word).suffix not in ("", ".toml"):
+            question = f" ({option} takes a name or a .toml file)"
     return f"one word too many: {word} after {before[-1]}{question}"
 
 

@@ -1,26 +1,38 @@
-"""What this machine lacks, and the command that mends it.
+"""What this machine lacks, the command that mends it, and the caches that it has.
 
 Nothing but the standard library is imported before it is checked: a missing part must not keep the
 doctor from naming it.
 """
 
 import json
+import os
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.metadata import packages_distributions, requires, version
 from importlib.util import find_spec
+from pathlib import Path
 
 from .. import links
 from ..extras import EXTRAS, install_command
 from ..output import opencv
+from ..user_cache import user_cache
 
 OK = "ok"
 MISSING = "missing"
 OPTIONAL = "optional, missing"
 OTHER = "another one"
 BROKEN = "broken"
+#: What the user's cache holds, by folder; what is removed is made again when it is needed.
+_CACHES = {
+    "kernels": "compiled kernels",
+    "domes": "elasticity of domes",
+    "meshes": "distances from meshes",
+    "readouts": "trained read-outs",
+    "datasets": "datasets from the network",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +48,7 @@ class Check:
 def report(*, json_only: bool = False) -> int:
     """Print every check; exit code 1 if a required part is missing or any part is broken."""
     python = ".".join(map(str, sys.version_info[:3]))
-    checks = [Check(name=f"Python {python}"), _stages(), *_base(), *_extras()]
+    checks = [Check(name=f"Python {python}"), _stages(), *_base(), *_extras(), *_caches()]
     if json_only:
         print(json.dumps([asdict(check) for check in checks]))
     else:
@@ -115,6 +127,30 @@ def _extras() -> Iterator[Check]:
             yield _h264()
         if extra == "gl":
             yield _gl()
+
+
+def _caches() -> Iterator[Check]:
+    """Size and place of each cache that is there."""
+    user, chosen = user_cache(), os.environ.get("NUMBA_CACHE_DIR")
+    for name, words in _CACHES.items():
+        yield from _size(words, str(user / name), [str(user / name)])
+    kernels = [os.path.join(chosen, "chromagrip", "kernels")] if chosen else []
+    package = str(Path(__file__).parents[1])
+    inner = os.path.join("__pycache__", "kernels")
+    own = [folder for folder, *_ in os.walk(package, followlinks=True) if folder.endswith(inner)]
+    yield from _size(_CACHES["kernels"], "".join(kernels), kernels)
+    yield from _size(_CACHES["kernels"], f"{package}, in folders {inner}", own)
+
+
+def _size(words: str, where: str, folders: Iterable[str]) -> Iterator[Check]:
+    """One line about a cache; none where its folders are missing or empty."""
+    size = 0
+    for folder, _, files in (entry for each in folders for entry in os.walk(each)):
+        for name in files:
+            with suppress(OSError):  # another process removed it
+                size += os.path.getsize(os.path.join(folder, name))
+    if size:
+        yield Check(name=f"cache of {words}", detail=f"{size / 1e6:.0f} MB in {where}")
 
 
 def _h264() -> Check:

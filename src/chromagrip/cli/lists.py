@@ -122,7 +122,7 @@ LISTS: dict[str, Callable[..., int]] = {
 
 
 def doctor(*, json_only: Json = False) -> int:
-    """List every missing part of the installation and the command that installs it.
+    """List missing parts of the installation with the commands that install them, and caches.
 
     Example: chromagrip doctor
     """

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,6 +32,8 @@ from ..strict_toml import Values
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 #: Processors of this machine.
 CORES = os.cpu_count() or 1
+#: Shortest time between two lines on progress where there is no terminal [s].
+EVERY_S = 10.0
 
 
 def option(text: str, metavar: str | None = None, name: str | None = None) -> Any:
@@ -261,6 +264,20 @@ def _screen() -> Console:
     return Console(stderr=True, force_terminal=sys.stderr.isatty())
 
 
+class _Log:
+    """Lines on the progress of long work where no bar can be drawn, some seconds apart."""
+
+    def __init__(self) -> None:
+        self._last = time.monotonic()
+
+    def tell(self, text: str) -> None:
+        """Print the current step, unless a line or the beginning was just now."""
+        now = time.monotonic()
+        if now - self._last >= EVERY_S and not sys.stderr.isatty():
+            self._last = now
+            print(f"chromagrip: {text}", file=sys.stderr, flush=True)
+
+
 @contextmanager
 def status(text: str = "starting") -> Iterator[Callable[[str], None]]:
     """Show the current step of long work; yields the function that changes it."""
@@ -269,8 +286,11 @@ def status(text: str = "starting") -> Iterator[Callable[[str], None]]:
 
 
 def _reporter(line: Status) -> Callable[[str], None]:
+    log = _Log()
+
     def report(text: str) -> None:
         line.update(text)
+        log.tell(text)
         stop_if_interrupted()
 
     return report
@@ -290,7 +310,7 @@ def counting(
     logged: line for a log, once there is something to count; a bar is for a terminal alone
     """
     console = _screen()
-    unsaid = bool(logged) and not console.is_terminal
+    unsaid, log = bool(logged) and not console.is_terminal, _Log()
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -310,6 +330,8 @@ def counting(
                 print(f"chromagrip: {logged}", file=sys.stderr, flush=True)
                 unsaid = False
             bar.update(task, completed=done, total=total, description=words or text)
+            of = "" if total is None else f" of {total}"
+            log.tell(f"{words or text}: {done}{of} {unit}".rstrip())
             stop_if_interrupted()
 
         yield move

@@ -34,6 +34,8 @@ OBJECTS: dict[str, dict[str, Any]] = {
 
 #: Share of the silicone's thickness up to which its markers were compared with finite elements.
 DEEPEST = 0.5
+#: Largest tilt of an object about an axis, as in recipes [°].
+STEEPEST_DEG = 90.0
 #: Radius of the ball [mm].
 BALL_MM = 8.0
 
@@ -292,6 +294,11 @@ def _dome_poses(scene: Scene, asked: Asked) -> "list[DomePose]":
         press_mm=press_mm, shear_mm=shear_mm, tilt_deg=tilt_deg, force=force,
         azimuth_deg=(azimuth_deg,), twist_deg=(twist_deg or 0.0,), moment=(moment or 0.0,),
     )  # fmt: skip
+    steep = next((tilt for tilt in tilt_deg if not abs(tilt) <= STEEPEST_DEG), None)
+    if steep is not None:
+        raise UserError(
+            f"--tilt-deg {steep:g}: expected -{STEEPEST_DEG:g} to {STEEPEST_DEG:g} about each axis"
+        )
     shear_x, shear_y = (*(1e-3 * shear for shear in shear_mm), 0.0, 0.0)[:2]
     tilt = (math.radians(tilt_deg[0]), math.radians(tilt_deg[1])) if tilt_deg else (0.0, 0.0)
     return [

@@ -138,6 +138,8 @@ def load_recipe(
             f"no recipe {name!r}{meant(name, recipe_names())}; there is "
             f"{', '.join(recipe_names())}, or a .toml file"
         )
+    if not values:
+        raise UserError(f"{title} has no keys: give at least one, such as sequences = 10")
     recipe = convert(with_allowed(values, allow), Recipe, title)
     if name.endswith(".toml"):  # its files are relative to it
         folder = Path(name).absolute().parent

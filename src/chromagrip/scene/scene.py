@@ -392,6 +392,8 @@ def load_scene(
             "or give a .toml file"
         )
     values = with_allowed(read_toml(path, f"scene file {name}"), allow)
+    if not values:
+        raise UserError(f"scene file {name} has no keys: give at least one, such as duration_s = 2")
     # Files in a scene file are relative to it, those on the command line to the working folder.
     _locate_files(values, Path(name).parent)
     pinch = values.get("pinch")

@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from ...errors import UserError, located
-from ...model import DomeState, ForceField, Motion, dome_forces, margin_within
+from ...model import DomeState, ForceField, Motion, PiercedError, dome_forces, margin_within
 from ...model.dome import Stepper, displacements, lattice, resting, rise_beside
 from ...render import TruthMap
 from ...scene.scene import Scene
@@ -162,7 +162,11 @@ def settle_dome(scene: Scene, pose: DomePose) -> tuple[DomeState, ForceField]:
         for before, after in zip(motion.times[:-1], motion.times[1:], strict=True):
             count = max(1, math.ceil((after - before) / dt - 1e-9))
             for k in range(count):
-                stepper.advance(before + (after - before) * (k + 1) / count)
+                time = before + (after - before) * (k + 1) / count
+                try:
+                    stepper.advance(time)
+                except PiercedError as error:
+                    raise _too_deep(pose, time / motion.times[1], dome.thickness) or error from None
         state = stepper.state()
         if pose.force is not None or pose.moment is not None:
             _check_rest(state, pose)
@@ -251,6 +255,24 @@ def _check_rest(state: DomeState, pose: DomePose) -> None:
             f"the object is not held: it slides at {1e3 * np.abs(speed[:3]).max():.2g} mm/s and "
             f"turns at {np.degrees(np.abs(speed[3:]).max()):.2g} °/s; press more or pull less"
         )
+
+
+def _too_deep(pose: DomePose, share: float, thickness: float) -> UserError | None:
+    """Refusal of a press that goes too deep at a share of its way; None for one after it.
+
+    Parameters
+    ----------
+    thickness: of the silicone [m]
+    """
+    if share > 1.0:
+        return None
+    least = f"{1e3 * share * pose.press:.3g} mm"
+    if pose.force is not None:
+        least = f"{share * pose.force[2]:.3g} N down"
+    return UserError(
+        f"expected less than {least}, which presses the object to the depth in the silicone of "
+        f"{1e3 * thickness:.3g} mm up to which it is described"
+    )
 
 
 def _said(pose: DomePose) -> str:

@@ -34,6 +34,20 @@ LARGEST_FILE = 2**28
 #: Endings of the names of columns that older traces lack, by the number of fingers.
 _LATER = {1: (), 2: ("_deviation_n", "_deviation_nmm", "limit_margin_low", "limit_margin_high")}
 
+#: What makes a folder with a file that no run has, and what reads it, by the file.
+_OTHERS = {
+    "estimates.parquet": "`chromagrip estimate`: open its figure.png and overlay.mp4",
+    "estimates.csv": "`chromagrip estimate`: open its figure.png",
+    "tracks.parquet": "`chromagrip track`: `chromagrip score` reads it",
+    "tracks.csv": "`chromagrip track`: `chromagrip score` reads it",
+    "manifest.json": "`chromagrip dataset make`: `chromagrip dataset info` reads it",
+    "files.json": "`chromagrip dataset make`, as a sequence: `chromagrip estimate` reads it",
+    "poses.json": "`chromagrip render`: `chromagrip estimate` reads it",
+    "leaderboard.html": "`chromagrip score`: open leaderboard.html",
+    "limit.json": "`chromagrip limit`: open its limit.png",
+    "index.html": "a study: open index.html",
+}
+
 _Number = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
 _Value = _Number | None
 _Text = str | None
@@ -166,7 +180,7 @@ def read_run(
     lacks = [name for name in NEEDED if not files[name].is_file()]
     if lacks or found is None:
         lack = lacks[0] if lacks else " or ".join(TRACES)
-        raise UserError(f"{folder} is not a finished run: it has no {lack}")
+        raise UserError(f"{folder} is not a finished run: it has no {lack}{_other_kind(folder)}")
     check_size(files["scene.toml"], LARGEST_TEXT)
     scene = load_scene(str(files["scene.toml"]), allow=allow)
     summary = _read_summary(files["summary.json"], _SUMMARIES[scene.fingers])
@@ -182,6 +196,13 @@ def read_run(
     return RunRead(
         folder=folder, scene=scene, summary=summary, columns=columns, follow_links=follow_links
     )
+
+
+def _other_kind(folder: Path) -> str:
+    """What made a folder that holds no run, and what reads it; "" where that is not known."""
+    known = (text for name, text in _OTHERS.items() if (folder / name).is_file())
+    text = next(known, "")
+    return text and f"; it was made by {text}"
 
 
 def _read_summary(path: Path, kind: type[_Known]) -> Summary:

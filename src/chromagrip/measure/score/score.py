@@ -1,6 +1,7 @@
 """The command's work: tracks of one maker or several, against one truth, in tables and pictures."""
 
 import json
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,14 +12,14 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from ...by_name import module_meant
-from ...errors import UserError, located, meant
+from ...by_name import method_meant
+from ...errors import UserError, located
 from ...folders import prepared, whole_file, write_whole
 from ...output.page import PageSection, inline_png, write_page
 from ...output.report import Table
 from ...tracking import tracker_names
 from .intervals import intervals
-from .points import MOST_ROWS, read_points
+from .points import MOST_ROWS, SUFFIXES, read_points
 from .scores import MEANING, UNITS, Scored, score, score_nothing
 from .tracked import is_tracker, track_sequences
 from .truths import Named, truths
@@ -107,7 +108,8 @@ def score_tracks(
     """
     for path in tracks:
         if not (is_tracker(str(path)) or path.exists()):
-            question = meant(str(path), tracker_names()) or module_meant(str(path))
+            file = path.suffix in SUFFIXES
+            question = "" if file else method_meant(str(path), tracker_names())
             raise UserError(
                 f"there is no {path}{question}; wanted: a file or a folder of tracks, or a "
                 f"tracker: {', '.join(tracker_names())}, or module:Class"
@@ -117,14 +119,14 @@ def score_tracks(
     with prepared(out, overwrite):
         with TemporaryDirectory() as temporary:
             outcomes = []
-            for path in tracks:
+            for k, path in enumerate(tracks):
                 own, refused = path, dict[str, str]()
+                name = path.stem if path.is_file() else path.name
                 if is_tracker(str(path)):
-                    own, refused = track_sequences(
-                        str(path), truth, Path(temporary), tell, follow_links=follow_links
-                    )
+                    own, name = Path(temporary) / str(k), str(path)
+                    refused = track_sequences(name, truth, own, tell, follow_links=follow_links)
                 named = truths(own, truth, refused, follow_links=follow_links, most=most)
-                outcomes.append(_outcome(own, refused, named, most, tell))
+                outcomes.append(_outcome(name, refused, named, most, tell))
             ranked = sorted(_with_pictures(outcomes), key=_rank)
         if out is not None:
             _write(ranked, truth, out)
@@ -163,14 +165,13 @@ def _factor(frame: WorstFrame) -> float:
 
 
 def _outcome(
-    tracks: Path,
+    name: str,
     refused: dict[str, str],
     named_truths: Iterable[Named],
     most: int,
     tell: Callable[[str], None],
 ) -> tuple[Outcome, list[WorstFrame]]:
     """Scores of one maker's tracks, and its worst frames that have pictures."""
-    name = tracks.stem if tracks.is_file() else tracks.name
     found: dict[str, dict[str, float]] = {}
     cases: dict[str, str] = {}
     frames: list[tuple[float, Named, Scored, int]] = []
@@ -372,7 +373,8 @@ def _write(outcomes: Sequence[Outcome], truth: Path, out: Path) -> None:
         picture = Markup()
         if outcome.worst is not None:
             data = cv2.imencode(".png", outcome.worst[..., ::-1])[1].tobytes()
-            write_whole(out / f"worst-{outcome.name.replace(':', '-')}.png", data)
+            file = re.sub(r"[^\w.=-]+", "-", outcome.name)  # of a module:Class(name=value)
+            write_whole(out / f"worst-{file}.png", data)
             picture = inline_png(data, f"worst frames of {outcome.name}")
         lines = tuple(
             (name, *(words(scores.get(key, np.nan)) for key in UNITS))

@@ -24,12 +24,15 @@ def track_sequences(
     tell: Callable[[str], None] = lambda _: None,
     *,
     follow_links: bool = False,
-) -> tuple[Path, dict[str, str]]:
+) -> dict[str, str]:
     """Run a tracker that knows the sensor's design on a dataset or a sequence.
+
+    Parameters
+    ----------
+    out: folder of its tracks
 
     Returns
     -------
-    folder: of its tracks
     refused: sequences that it cannot follow, with the reason
 
     Raises
@@ -42,7 +45,7 @@ def track_sequences(
     for one in verified(dataset, names):
         where, name = one.pictures.folder, sequence_name(one.number)
         tell(f"{tracker} follows {name}")
-        to, design = out / tracker / name, one.scene.sensor
+        to, design = out / name, one.scene.sensor
         with shown(where) as source:
             try:
                 outcome = track_source(
@@ -56,4 +59,4 @@ def track_sequences(
                 refused[name] = str(error).replace(f"{source}/", "")
                 if len(refused) == len(names):
                     raise UserError(f"{tracker}, {name}: {refused[name]}") from None
-    return out / tracker, refused
+    return refused
