@@ -144,12 +144,12 @@ def estimate(
     interval: Callable[[GripObservation], tuple[float, float]],
     bodies: tuple[Mechanics, ...] = ALL,
 ) -> Iterator[Column]:
-    """Make the columns of an estimate and the ends of its interval."""
+    """Make the columns of an estimate and the ends of its interval, NaN where there is none."""
     topic = f"/{name}/estimated"
-    yield Column(f"{name}_estimated", f"estimated {words}", read(value), topic, bodies)
+    yield Column(f"{name}_estimated", f"estimated {words}", estimated(value), topic, bodies)
     low, high = (f"{words}, {end} end (90 % interval)" for end in ("lower", "upper"))
-    yield Column(f"{name}_low", low, read(lambda o: interval(o)[0]), bodies=bodies)
-    yield Column(f"{name}_high", high, read(lambda o: interval(o)[1]), bodies=bodies)
+    yield Column(f"{name}_low", low, estimated(lambda o: interval(o)[0]), bodies=bodies)
+    yield Column(f"{name}_high", high, estimated(lambda o: interval(o)[1]), bodies=bodies)
 
 
 def deviation(observation: GripObservation, k: int) -> float:

@@ -18,6 +18,8 @@ from .runs import Axis, Plan, SweepCell, words
 _COLUMNS = 3
 #: Most letters of all values below a panel that stand side by side.
 _MOST_LETTERS = 24
+#: Longest value below or beside a panel.
+_LONGEST = 20
 #: Value, low and high end of its interval.
 Figure = tuple[float, float, float]
 
@@ -92,14 +94,20 @@ def _field(
             text = f"({text})"
         place.text(column, row, text, ha="center", va="center", fontsize=8, color="0.2")
     _name_ticks(place, x)
-    place.set_yticks(range(len(y[1])), [str(b) for b in y[1]])
+    place.set_yticks(range(len(y[1])), [_short(b) for b in y[1]])
     finish(place, y[0], x[0], legend=False, title=label)
     place.grid(visible=False)
 
 
+def _short(value: Any) -> str:
+    """Value as text; of a long one, such as the path of a file, the end."""
+    text = str(value)
+    return text if len(text) <= _LONGEST else f"…{text[1 - _LONGEST :]}"
+
+
 def _name_ticks(place: Axes, x: Axis) -> None:
     """Write the values below a panel, turned where they would touch."""
-    names = [str(value) for value in x[1]]
+    names = [_short(value) for value in x[1]]
     place.set_xticks(range(len(names)), names)
     if sum(map(len, names)) > _MOST_LETTERS:
         for label in place.get_xticklabels():
