@@ -146,8 +146,12 @@ def test_ones_own_stands_beside_the_usual_ones_and_names_of_ours_stand_alone() -
     usual = ("safety-margin", "conservative")
     assert Asked().compared(usual) == list(usual)
     assert Asked(methods=("conservative",)).compared(usual) == ["conservative"]
-    assert Asked(methods=("mine:Own(gain=2)",)).compared(usual) == [*usual, "mine:Own(gain=2)"]
-    assert Asked(methods=("conservative", dict)).compared(usual) == [*usual, dict]
+    assert Asked(methods=("mine:Own(gain=2)",)).compared(usual) == ["mine:Own(gain=2)", *usual]
+    assert Asked(methods=("conservative", dict)).compared(usual) == [
+        "conservative",
+        dict,
+        "safety-margin",
+    ]
     sets = {
         t.group
         for t in tasks(False, [*usual, "mine:Own"], ["mine:Own"])

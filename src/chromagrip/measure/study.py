@@ -58,9 +58,9 @@ class Asked:
         return any(not isinstance(one, str) or ":" in one for one in self.methods)
 
     def compared(self, usual: Iterable[Choice]) -> list[Choice]:
-        """Methods to compare, each once: those asked for, the usual ones, or both."""
+        """Methods to compare, each once: those asked for, and the usual ones where they belong."""
         ours = usual if self.beside or not self.methods else ()
-        return list(dict.fromkeys([*ours, *self.methods]))
+        return list(dict.fromkeys([*self.methods, *ours]))
 
     def chosen(
         self,
