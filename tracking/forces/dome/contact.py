@@ -208,10 +208,7 @@ class ContactReading:
         """Refit the object to the key frames of a solution; return the latter if none is better."""
         doubtful = held.misfit > self._memory.doubtful
         try:
-            fitting = self._fit.begun_along_chord(held, doubtful)
-            while not fitting.done:
-                fitting = self._fit.advanced(fitting)
-            solution = None if fitting.failed else self._fit.solution_of(fitting)
+            solution = self._fit.along_chord(held, doubtful)
         except UserError:
             solution = None
         if solution is None or solution.misfit > self._memory.doubtful:

@@ -1,7 +1,7 @@
 """Least-squares fit of an object and its poses to the shifts of the markers.
 
 The object and the poses of a few key frames are fitted together, over the whole path from rest
-(`Fitting`). Between key frames the object is fixed and only the pose is fitted (`follow`).
+(`fit_keys`). Between key frames the object is fixed and only the pose is fitted (`follow`).
 """
 
 import math
@@ -26,7 +26,6 @@ from .contact_state import (
     units_of,
 )
 from .contact_way import Changes, ContactWay
-from .fitting import Fitting, Slopes, ended
 from .key_shifts import Explained, Key, Shifts
 from .marker_response import DomeResponse
 from .settings import ContactFitSettings
@@ -60,189 +59,59 @@ class ContactFit:
         self._longest = longest_of(dome)
         self._cost = ContactCost(dome, settings)
 
-    def begun(
+    def fit_keys(
         self, object_: Array, keys: tuple[Key, ...], rounds: int, rival_of: Solution | None = None
-    ) -> Fitting:
-        """Begin to fit object and poses to key frames, starting from given ones.
+    ) -> Solution:
+        """Fit object and poses to key frames, starting from given ones.
 
         Parameters
         ----------
         rival_of: solution to beat; the fit ends early if that is unlikely
-        """
-        model = self._settings.model
-        object_ = limited_object(self.dome, object_, model)
-        poses = limited_pose(self.dome, np.stack([key.pose for key in keys]), model)
-        return Fitting(
-            shifts=tuple(key.shifts for key in keys),
-            object_=object_,
-            poses=poses,
-            tried=(object_, poses),
-            rounds=rounds,
-            known=math.inf if rival_of is None else rival_of.cost,
-        )
-
-    def begun_along_chord(self, held: Solution, anyway: bool) -> Fitting:
-        """Begin the same near a solution, with the derivatives of that solution.
-
-        It fails if the object changes too much for these derivatives. The path through key frames
-        alone differs slightly from the one that was followed. If no object along it promises a
-        better fit, the solution stands.
-
-        Parameters
-        ----------
-        anyway: whether the misfit is so large that anything is tried
-        """
-        unknowns = held.object_, np.stack([key.pose for key in held.keys])
-        return Fitting(
-            shifts=tuple(key.shifts for key in held.keys),
-            object_=unknowns[0],
-            poses=unknowns[1],
-            tried=unknowns,
-            rounds=self._settings.chord_rounds,
-            held=held,
-            anyway=anyway,
-        )
-
-    def advanced(self, fitting: Fitting) -> Fitting:
-        """Simulate the next key frame of a fit, or its derivatives.
 
         Raises
         ------
         UserError
             When the contact does not converge.
         """
-        return self._told(fitting) if fitting.telling else self._simulated(fitting)
-
-    def solution_of(self, fitting: Fitting) -> Solution:
-        """Solution of a fit that has ended and has not failed."""
-        if fitting.stands and fitting.held is not None:
-            return fitting.held
-        slopes = fitting.slopes
-        assert slopes is not None
-        return self._solution(
-            fitting.object_,
-            fitting.poses,
-            list(slopes.explained),
-            fitting.contacts[-1],
-            slopes.changes,
-            slopes.of_last,
-        )
-
-    def fit_keys(
-        self, object_: Array, keys: tuple[Key, ...], rounds: int, rival_of: Solution | None = None
-    ) -> Solution:
-        """Fit object and poses to key frames at once, see `begun`.
-
-        Raises
-        ------
-        UserError
-            When the contact does not converge.
-        """
-        fitting = self.begun(object_, keys, rounds, rival_of)
-        while not fitting.done:
-            fitting = self.advanced(fitting)
-        return self.solution_of(fitting)
-
-    def _simulated(self, fitting: Fitting) -> Fitting:
-        """Simulate the next key frame of the tried unknowns."""
-        (object_, poses), k = fitting.tried, len(fitting.reached)
-        contact = fitting.reached[-1] if k else self._way.untouched(object_)
-        before = poses[k - 1] if k else np.zeros(MOVING)
-        near = fitting.contacts[k] if fitting.contacts else None
-        try:
-            contact = self._way.step(contact, object_, before, poses[k], near)
-        except UserError:
-            if not fitting.contacts or fitting.held is not None:
-                raise
-            return self._next(replace(fitting, damping=max(10.0 * fitting.damping, 1e-2)))
-        reached, seen = (*fitting.reached, contact), (*fitting.seen, self._seen(contact))
-        fitting = replace(fitting, reached=reached, seen=seen)
-        return fitting if len(reached) < len(fitting.shifts) else self._judged(fitting)
-
-    def _judged(self, fitting: Fitting) -> Fitting:
-        """Take the tried unknowns if they are better, or try a shorter step."""
-        settings, held = self._settings, fitting.held
-        after = self._cost.of(_losses(fitting.shifts, fitting.seen), *fitting.tried)
-        damping = fitting.damping
-        if fitting.contacts:
-            if held is not None and after > fitting.cost + settings.least_gain:
-                return ended(fitting, failed=True)
-            if held is None and after >= fitting.cost:
-                fitting = replace(fitting, damping=10.0 * damping)
-                return ended(fitting) if fitting.damping > 1e3 else self._next(fitting)
+        settings = self._settings
+        object_ = limited_object(self.dome, object_, settings.model)
+        poses = limited_pose(self.dome, np.stack([key.pose for key in keys]), settings.model)
+        shifts = [key.shifts for key in keys]
+        damping = 1e-3
+        contacts, seen = self._predicted(object_, poses)
+        explained, slopes, changes = self._explained(object_, poses, shifts, contacts, seen)
+        cost = self._cost.of([each.loss for each in explained], object_, poses)
+        information, gradient = self._cost.normal(explained, object_, poses)
+        known = math.inf if rival_of is None else rival_of.cost
+        for turn in range(rounds):
+            if (
+                turn >= settings.promising_rounds
+                and cost - gradient @ np.linalg.solve(information, gradient) > known
+            ):
+                break
+            damped = information + damping * np.diag(np.diag(information))
+            step = np.asarray(np.linalg.solve(damped, gradient), np.float64)
+            step *= min(1.0, 1.0 / self._length(step))
+            tried = self._moved(object_, poses, step)
+            try:
+                reached, seen = self._predicted(*tried, contacts)
+            except UserError:
+                damping = max(10.0 * damping, 1e-2)
+                continue
+            after = self._cost.of(_losses(shifts, seen), *tried)
+            if after >= cost:
+                damping *= 10.0
+                if damping > 1e3:
+                    break
+                continue
+            gain, cost, (object_, poses) = cost - after, after, tried
             damping = max(0.1 * damping, 1e-6)
-        fitting = replace(
-            fitting,
-            object_=fitting.tried[0],
-            poses=fitting.tried[1],
-            damping=damping,
-            gain=fitting.cost - after,
-            cost=after,
-            contacts=fitting.reached,
-        )
-        if held is None:
-            return replace(fitting, telling=True, told=(), last=None)
-        explained = _seen_as(held.explained, fitting.seen)
-        return self._with_slopes(fitting, tuple(explained), held.slopes, held.changes)
-
-    def _told(self, fitting: Fitting) -> Fitting:
-        """Make the derivatives in the next key frame."""
-        object_, poses, k = fitting.object_, fitting.poses, len(fitting.told)
-        before = poses[k - 1] if k else np.zeros(MOVING)
-        contact, changes = self._way.untouched(object_), None
-        if fitting.last is not None:
-            contact, changes, _ = fitting.last
-        contact, after = self._way.step_and_changes(
-            contact, changes, object_, before, poses[k], alike=fitting.contacts[k], solved=True
-        )
-        slopes = self._slopes(after)
-        told = (*fitting.told, _explained(fitting.shifts[k], fitting.seen[k], slopes))
-        if len(told) < len(fitting.shifts):
-            return replace(fitting, told=told, last=(contact, after, slopes))
-        return self._with_slopes(replace(fitting, last=None), told, slopes, after)
-
-    def _with_slopes(
-        self, fitting: Fitting, explained: tuple[Explained, ...], of_last: Array, changes: Changes
-    ) -> Fitting:
-        """Go on with derivatives at the best unknowns; end if the last round gained little."""
-        information, gradient = self._cost.normal(explained, fitting.object_, fitting.poses)
-        slopes = Slopes(
-            explained=explained,
-            of_last=of_last,
-            changes=changes,
-            information=information,
-            gradient=gradient,
-        )
-        fitting = replace(fitting, slopes=slopes)
-        return ended(fitting) if fitting.gain < self._settings.least_gain else self._next(fitting)
-
-    def _next(self, fitting: Fitting) -> Fitting:
-        """Begin the next round, or end."""
-        settings, slopes, held = self._settings, fitting.slopes, fitting.held
-        assert slopes is not None
-        if fitting.turn >= fitting.rounds:
-            return ended(fitting)
-        information, gradient = slopes.information, slopes.gradient
-
-        def promised() -> tuple[Array, float]:
-            step = np.asarray(np.linalg.solve(information, gradient), np.float64)
-            return step, fitting.cost - float(gradient @ step)
-
-        if held is not None:
-            step, cost = promised()
-            if cost > held.cost and not fitting.anyway:
-                return replace(ended(fitting), stands=True)
-            tried = self._moved(fitting.object_, fitting.poses, step)
-            moved = abs(tried[0] - held.object_) / self._longest[MOVING:]
-            if self._length(step) > 1.0 or moved.max() > settings.chord_reach:
-                return ended(fitting, failed=True)
-            return fitting.trying(*tried)
-        if fitting.turn >= settings.promising_rounds and promised()[1] > fitting.known:
-            return ended(fitting)
-        damped = information + fitting.damping * np.diag(np.diag(information))
-        step = np.asarray(np.linalg.solve(damped, gradient), np.float64)
-        step *= min(1.0, 1.0 / self._length(step))
-        return fitting.trying(*self._moved(fitting.object_, fitting.poses, step))
+            contacts = reached
+            explained, slopes, changes = self._explained(object_, poses, shifts, contacts, seen)
+            information, gradient = self._cost.normal(explained, object_, poses)
+            if gain < settings.least_gain:
+                break
+        return self._solution(object_, poses, explained, contacts[-1], changes, slopes)
 
     def hold(self, last: Solution, keys: tuple[Key, ...], now: Followed) -> tuple[Solution, bool]:
         """Add a key frame with the same object; also return whether to refit the object.
@@ -277,6 +146,48 @@ class ContactFit:
         # The step that is not made adds to the uncertainty of the object.
         covariance = solution.covariance + np.outer(step, step)
         return replace(solution, covariance=covariance), tells
+
+    def along_chord(self, held: Solution, doubtful: bool) -> Solution | None:
+        """Do `fit_keys` near a solution, with the derivatives of that solution.
+
+        None if the object changes too much for these derivatives. The path through key frames alone
+        differs slightly from the one that was followed. If no object along it promises a better
+        fit, the solution is returned unchanged.
+
+        Parameters
+        ----------
+        doubtful: whether the misfit is so large that anything is tried
+
+        Raises
+        ------
+        UserError
+            When the contact does not converge.
+        """
+        settings = self._settings
+        shifts = [key.shifts for key in held.keys]
+        object_, poses = held.object_, np.stack([key.pose for key in held.keys])
+        contacts, seen = self._predicted(object_, poses)
+        explained = _seen_as(held.explained, seen)
+        cost = self._cost.of([each.loss for each in explained], object_, poses)
+        for _ in range(settings.chord_rounds):
+            information, gradient = self._cost.normal(explained, object_, poses)
+            step = np.asarray(np.linalg.solve(information, gradient), np.float64)
+            if cost - gradient @ step > held.cost and not doubtful:
+                return held
+            tried = self._moved(object_, poses, step)
+            moved = abs(tried[0] - held.object_) / self._longest[MOVING:]
+            if self._length(step) > 1.0 or moved.max() > settings.chord_reach:
+                return None
+            reached, seen = self._predicted(*tried, contacts)
+            after = self._cost.of(_losses(shifts, seen), *tried)
+            if after > cost + settings.least_gain:
+                return None
+            gain, cost = cost - after, after
+            (object_, poses), contacts = tried, reached
+            explained = _seen_as(held.explained, seen)
+            if gain < settings.least_gain:
+                break
+        return self._solution(object_, poses, explained, contacts[-1], held.changes, held.slopes)
 
     def _solution(
         self,
@@ -385,6 +296,46 @@ class ContactFit:
         """Derivatives of predicted shifts by each of C unknowns, per unit of it, (C, P, 6)."""
         return self._response.along(changes.contact.nodes, changes.linear)
 
+    def _predicted(
+        self, object_: Array, poses: Array, alike: list[PosedContact] | None = None
+    ) -> tuple[list[PosedContact], list[Array]]:
+        """Simulate the contact in each key frame; also return the shifts of all pairs in it.
+
+        Parameters
+        ----------
+        alike: similar contacts, as initial guesses
+        """
+        contact, before = self._way.untouched(object_), np.zeros(MOVING)
+        contacts, seen = [], []
+        for k, pose in enumerate(poses):
+            near = alike[k] if alike else None
+            contact = self._way.step(contact, object_, before, pose, near)
+            before = pose
+            contacts.append(contact)
+            seen.append(self._seen(contact))
+        return contacts, seen
+
+    def _explained(
+        self,
+        object_: Array,
+        poses: Array,
+        shifts: list[Shifts],
+        contacts: list[PosedContact],
+        seen: list[Array],
+    ) -> tuple[list[Explained], Array, Changes]:
+        """Predict the key frames; also return derivatives (12, P, 6) and changes of the last."""
+        contact, before = self._way.untouched(object_), np.zeros(MOVING)
+        changes: Changes | None = None
+        explained = []
+        for frame, pose, reached, predicted in zip(shifts, poses, contacts, seen, strict=True):
+            contact, changes = self._way.step_and_changes(
+                contact, changes, object_, before, pose, alike=reached, solved=True
+            )
+            before, slopes = pose, self._slopes(changes)
+            explained.append(_explained(frame, predicted, slopes))
+        assert changes is not None
+        return explained, slopes, changes
+
     def _moved(self, object_: Array, poses: Array, step: Array) -> tuple[Array, Array]:
         """Add a step, in units of the unknowns, to object and poses, within their limits."""
         moved = object_ + self.units[MOVING:] * step[: len(OBJECT)]
@@ -405,11 +356,11 @@ def _explained(shifts: Shifts, predicted: Array, slopes: Array) -> Explained:
     return Explained(shifts=shifts, predicted=predicted, whole=whole)
 
 
-def _seen_as(explained: Sequence[Explained], seen: Sequence[Array]) -> list[Explained]:
+def _seen_as(explained: Sequence[Explained], seen: list[Array]) -> list[Explained]:
     """Replace the predicted shifts of key frames, and keep their derivatives."""
     return [replace(each, predicted=new) for each, new in zip(explained, seen, strict=True)]
 
 
-def _losses(shifts: Sequence[Shifts], seen: Sequence[Array]) -> list[float]:
+def _losses(shifts: list[Shifts], seen: list[Array]) -> list[float]:
     """Loss of each key frame for predicted shifts."""
     return [frame.loss(predicted) for frame, predicted in zip(shifts, seen, strict=True)]

@@ -31,7 +31,6 @@ from chromagrip.tracking import (
 )
 from chromagrip.tracking.forces.dome.contact import ContactReading
 from chromagrip.tracking.forces.dome.contact_solution import Solution
-from chromagrip.tracking.forces.dome.fitting import Fitting
 from chromagrip.tracking.forces.dome.keys import Backoff
 
 from .drawn import Drawn
@@ -236,18 +235,18 @@ def test_the_object_is_refitted_as_often_as_the_settings_say() -> None:
         rest = drawn(np.zeros_like(states[0].linear))
         reading = ContactReading(sensor_as_designed(SENSOR), rest, settings)
         fit, telling, refits = reading._fit, [], []
-        hold, begun = fit.hold, fit.begun_along_chord
+        hold = fit.hold
 
         def held(*arguments: Any) -> Any:
             solution, tells = hold(*arguments)
             telling.append(tells or solution.misfit > reading._memory.doubtful)
             return solution, tells
 
-        def not_better(solution: Solution, anyway: bool) -> Fitting:
+        def not_better(solution: Solution, doubtful: bool) -> Solution:
             refits.append(True)
-            return replace(begun(solution, anyway), done=True, stands=True)
+            return solution
 
-        fit.hold, fit.begun_along_chord = held, not_better  # type: ignore[method-assign]
+        fit.hold, fit.along_chord = held, not_better  # type: ignore[method-assign]
         for state in states:
             reading.update(drawn(state.linear))
         return sum(telling), len(refits)
