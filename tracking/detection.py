@@ -115,22 +115,49 @@ def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) ->
     return _markers(spots, levels, ratio, palette)
 
 
-def whole_places(rest: RestFrame, palette: Palette) -> NDArray[np.bool_] | None:
-    """Places of a marker's centre where all of it lies in the field, shape (H, W).
+@dataclass(frozen=True)
+class Edge:
+    """Edge of the field of an unknown sensor, which cuts the markers that move over it.
 
-    Beyond, a tracker sees a part of the disc, and places it too far inside. None of a known
-    sensor, whose rim is modelled.
+    A tracker sees a part of such a disc, and places it too far inside.
+
+    Attributes
+    ----------
+    whole: places of a marker's centre where all of it lies in the field, shape (H, W); None of a
+        known sensor, whose rim is modelled
+    cut: markers that are cut at rest, and may stay so, shape (...)
     """
-    if palette.sensor is not None:
-        return None
-    field = (rest.ground[..., 0] > 0.0).astype(np.uint8)
-    blur = 2.0  # of an ordinary lens [px]
-    # The edge of the picture ends a field as well.
-    away: Any = cv2.distanceTransform(np.pad(field, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(away[1:-1, 1:-1] > float(rest.radius.max()) + blur)
+
+    whole: NDArray[np.bool_] | None
+    cut: NDArray[np.bool_]
+
+    @classmethod
+    def of_rest(cls, rest: RestFrame, palette: Palette, position: Array) -> "Edge":
+        """Edge of the field in a rest frame, in which the markers have positions (..., 2) [px]."""
+        edge = cls(whole=None, cut=np.zeros(position.shape[:-1], dtype=np.bool_))
+        if palette.sensor is not None:
+            return edge
+        field = (rest.ground[..., 0] > 0.0).astype(np.uint8)
+        blur = 2.0  # of an ordinary lens [px]
+        # The edge of the picture ends a field as well.
+        away: Any = cv2.distanceTransform(np.pad(field, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        whole = np.asarray(away[1:-1, 1:-1] > float(rest.radius.max()) + blur)
+        return replace(edge, whole=whole).at_rest(position)
+
+    def at_rest(self, position: Array) -> "Edge":
+        """The same edge with other positions (..., 2) of the markers at rest [px]."""
+        if self.whole is None:
+            return self
+        return Edge(whole=self.whole, cut=~_at_places(self.whole, position))
+
+    def hidden(self, position: Array) -> NDArray[np.bool_]:
+        """Mask (...) of the markers that it cuts, though it did not at rest."""
+        if self.whole is None:
+            return self.cut  # none
+        return ~(_at_places(self.whole, position) | self.cut)
 
 
-def at_places(mask: NDArray[np.bool_], position: Array) -> NDArray[np.bool_]:
+def _at_places(mask: NDArray[np.bool_], position: Array) -> NDArray[np.bool_]:
     """Values of a mask at the nearest pixels of positions (..., 2); False where one is unknown."""
     height, width = mask.shape
     known: NDArray[np.bool_] = np.asarray(np.isfinite(position).all(axis=-1))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ...render import Frame
-from ..detection import RestFrame, at_places, neighbours, read_rest, whole_places
+from ..detection import Edge, RestFrame, neighbours, read_rest
 from ..palette import Palette
 from ..trackers import check_frame
 from ..tracks import Tracks
@@ -109,7 +109,7 @@ class Follower:
         at_rest = read_rest(rest, self._palette)
         self._origin, self._pitch = at_rest.position, at_rest.pitch
         self._reach = settings.reach * at_rest.pitch
-        self._whole = whole_places(at_rest, self._palette)
+        self._edge = Edge.of_rest(at_rest, self._palette, at_rest.position)
         self._near = neighbours(np.nanmean(at_rest.position, axis=0), settings.neighbours)
         self.state = Shifts(
             shift=np.zeros_like(at_rest.position),
@@ -127,6 +127,7 @@ class Follower:
             )
         # Shifts are relative to the positions that the tracker itself finds at rest.
         self._origin = np.where(tracks.visible[..., None], tracks.position, self._origin)
+        self._edge = self._edge.at_rest(self._origin)
         self.state = replace(self.state, shift=np.zeros_like(self._origin))
         return tracks
 
@@ -150,9 +151,7 @@ class Follower:
         height, width, _ = self._shape
         corner = np.array([width - 1, height - 1])
         visible = np.all((position >= 0.0) & (position <= corner), axis=-1)
-        if self._whole is not None:
-            cut = ~at_places(self._whole, self._origin)
-            visible &= at_places(self._whole, position) | cut
+        visible &= ~self._edge.hidden(position)
         moved = position - self._origin
         jump = np.linalg.norm(moved - shift, axis=-1)
         apart = np.linalg.norm(position[:, :, None] - position[:, self._near], axis=-1)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ...render import Frame
-from ..detection import RestFrame, at_places, read_rest, whole_places
+from ..detection import Edge, RestFrame, read_rest
 from ..palette import Palette
 from .compression import flat_blocks
 from .kernels.template_kernels import UNEVEN
@@ -40,8 +40,7 @@ class AtRest:
     layers: number of layers L, 1 or 2
     share: displacement of the inner layer over that of the outer one; None if unknown
     flat: pixels that show the noise next to the markers, see `flat_blocks`
-    whole: places where a marker is seen whole, see `whole_places`
-    cut: markers that are not seen whole at rest, and stay so, shape (M, 2)
+    edge: edge of the field, for the markers (M, 2)
     """
 
     settings: FitSettings
@@ -56,14 +55,7 @@ class AtRest:
     layers: int
     share: float | None
     flat: NDArray[np.intp]
-    whole: Mask | None
-    cut: Mask
-
-    def seen_whole(self, state: PairState) -> Mask:
-        """Mask (M, 2) of the markers of which the field shows as much as at rest."""
-        if self.whole is None:
-            return np.ones_like(self.cut)
-        return at_places(self.whole, state.fits[..., :2]) | self.cut
+    edge: Edge
 
     def lost(self, visible: Mask) -> int:
         """Number of markers that were present at rest and are not visible."""
@@ -163,10 +155,6 @@ def _at_rest(
 ) -> AtRest:
     """Collect the results of the fit at rest."""
     sensor = palette.sensor
-    whole = whole_places(rest, palette)
-    cut = np.zeros_like(found.state.present)
-    if whole is not None:
-        cut = ~at_places(whole, found.state.fits[..., :2])
     return AtRest(
         settings=settings,
         fit=fit,
@@ -180,8 +168,7 @@ def _at_rest(
         layers=len(palette.names),
         share=None if sensor is None else sensor.follow[-1] / sensor.follow[0],
         flat=flat,
-        whole=whole,
-        cut=cut,
+        edge=Edge.of_rest(rest, palette, found.state.fits[..., :2]),
     )
 
 

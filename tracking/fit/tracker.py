@@ -150,9 +150,9 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
             ambiguous = look.visible & (look.torn | unsure)
     memory, look, ambiguous = _tuned(known, memory, image, look, ambiguous, start)
     memory = _remember(known, memory, look, steady)
-    # Such markers are still fitted, so that their neighbours are followed, but not told.
-    whole = known.seen_whole(look.fits.state)
-    look, ambiguous = look._replace(visible=look.visible & whole), ambiguous & whole
+    # Markers that the edge cuts are fitted, so that their neighbours are followed, but not told.
+    told = ~known.edge.hidden(look.fits.state.fits[..., :2])
+    look, ambiguous = look._replace(visible=look.visible & told), ambiguous & told
     memory = _at_time(memory, frame, look.visible)
     return memory, _tracks(known, memory, frame, look, ambiguous)
 
