@@ -27,6 +27,8 @@ Folder = Annotated[
 NewFolder = Annotated[
     str, option("new or empty folder, or an address such as s3://bucket/data", "DIR|URL")
 ]
+#: Largest difference of a part's share from the one asked for that is not told.
+_FAR = 0.1
 #: Largest number of sequences in a dataset.
 MOST_SEQUENCES = 10_000_000
 
@@ -240,14 +242,14 @@ def split(
     from ..output.report import Table, table_lines
 
     check_least(seed=(seed, 0))
-    asked, kept = _shares(shares), fetched(folder, follow_links) / SPLIT
+    asked, there = _shares(shares), fetched(folder, follow_links)
+    kept = there / SPLIT
     before = kept.read_bytes() if kept.is_file() else None
     parts = split_dataset(folder, asked, seed, by=by, follow_links=follow_links)
     counts = {name: len(names) for name, names in parts.items()}
     if json_only:
         print_values(counts, json_only)
         return 0
-    there = fetched(folder, follow_links)
     values = values_of_parts(there, parts)
     lines = [("sequences", *map(str, counts.values()))]
     lines += [(key, *(", ".join(each[part]) for part in parts)) for key, each in values.items()]
@@ -261,10 +263,6 @@ def split(
     if before not in (None, kept.read_bytes()):
         print("an earlier split.json was replaced")
     return 0
-
-
-#: Largest difference of a part's share from the one asked for that is not told.
-_FAR = 0.1
 
 
 def _shares(text: str) -> dict[str, float]:

@@ -261,7 +261,7 @@ class Scene(Table, frozen=True):
     def target_margin(self) -> float | None:
         """Safety margin that the controller aims at; None if it has no such setting.
 
-        That of a class of one's own is its argument `desired_margin`.
+        That of a class of one's own is its argument `desired_margin`, where one is given.
         """
         settings = getattr(self, self._settings_name, None)
         own = with_arguments(self.controller)[1] | self.controller_arguments

@@ -64,7 +64,7 @@ def _words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
         if summary.get("reconstructor") == "contact":
             yield (
                 "µ is seen only where the object slides or is about to: before that its estimate "
-                "is the usual value of 0.5, with a wide interval, whatever the object is."
+                "is near the usual value of 0.5, with a wide interval, whatever the object is."
             )
     possible = np.any([may_slide(scene, of, before) for before in prefixes(scene)], axis=0)
     if scene.sliding_margin is not None and possible.any():

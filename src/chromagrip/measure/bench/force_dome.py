@@ -87,7 +87,7 @@ def dome_study(asked: Asked) -> Study[DomeTask, DomeResult]:
     `dome/thesis/WORLD/ESTIMATOR/score`. Unless estimators are chosen, those are measured that have
     targets, and those that are compared.
     """
-    own = Asked(methods=asked.methods).chosen((), load_reconstructor)
+    own = asked.chosen((), load_reconstructor)
     return Study(
         settings=tasks(counts_of(asked.quick, asked.only), own, asked.beside),
         measure=measure_scene,

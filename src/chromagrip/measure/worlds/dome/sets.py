@@ -1,6 +1,6 @@
 """Scenes of the world `dome`, and what estimators read in them, in one process for each core."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,16 +107,12 @@ def tasks(
             design=design,
             kind=kind,
             index=index,
-            reconstructors={**ours, **reconstructors},
+            reconstructors={**dict(zip(ours, ours, strict=True)), **reconstructors},
         )
         for (design, kind), count in counts.items()
-        for ours in [_names(readers_of(design, kind) if beside or not reconstructors else ())]
+        for ours in [readers_of(design, kind) if beside or not reconstructors else ()]
         for index in range(count)
     ]
-
-
-def _names(some: Iterable[str]) -> dict[str, Choice]:
-    return {name: name for name in some}
 
 
 def by_set(results: Results[DomeTask, DomeResult]) -> dict[tuple[str, str], DomeResult]:
