@@ -186,8 +186,6 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("render --object ball --press-mm -1", "--press-mm -1: expected 0 or more"),
         ("render --object ball --tilt-deg 200 0", "--tilt-deg 200: expected -90 to 90 about each "),
         ("render --object ball --tilt-deg 0 nan", "--tilt-deg nan: expected a finite number"),
-        ("render --object ball --press-mm 200", "a press of 200 mm: expected less than 4."),
-        ("render --object ball --force 0 0 900", "and 900 N down: expected less than "),
         ("render --object ball --force 0 0 -2", "--force -2 N downwards: expected 0 or more"),
         ("limit --grip -1", "--grip must be finite and above 0, got -1 N"),
         (
@@ -246,6 +244,20 @@ def test_a_wrong_command_line_is_one_sentence(line: str, words: str, typed: Type
     assert done.stderr.startswith("chromagrip: ")
     assert len(done.stderr.splitlines()) == 1
     assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("render --object ball --press-mm 200", "a press of 200 mm: expected less than 4."),
+        ("render --object ball --force 0 0 900", "and 900 N down: expected less than "),
+    ],
+)
+def test_a_press_that_is_too_deep_is_one_sentence(line: str, words: str, typed: Typed) -> None:
+    done = typed(*line.split())
+    assert (done.returncode, done.stdout) == (2, "")
+    # The depth is known once the object has been pressed: tables may be solved before, and say so.
+    assert words in done.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize(
