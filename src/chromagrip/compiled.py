@@ -283,9 +283,12 @@ def _notice(*, few: bool) -> str | None:
             f"{lost} cannot be written, so the kernels are compiled at each start, which takes "
             "about a minute; set NUMBA_CACHE_DIR to a folder that can be written"
         )
-    if few and any(next(home.glob("*.nbc"), None) for home in homes):
+    others = {path for home in homes for path in home.glob("*.nbc")} - _compiled_here
+    if few and others:
         return None
     notice = "compiling its kernels, once; this takes about a minute"
+    if others:
+        notice = "compiling kernels that no command has used before; this takes some seconds"
     away = [home for folder, home in _homes.items() if home and folder not in home.parents]
     if away and not chosen:
         notice += f" (they are kept in {away[0].parent}, because {package} cannot be written)"

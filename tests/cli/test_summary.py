@@ -20,7 +20,7 @@ def test_frames_from_outside_have_the_rows_of_their_body(
 ) -> None:
     summary = json.loads((WRITTEN / body / "summary.json").read_text("utf-8"))
     summary |= dict.fromkeys(UNKNOWN) | {"sensor": "dome-2020"}
-    scene = SimpleNamespace(target_margin=None, sensor=summary["sensor"])
+    scene = SimpleNamespace(target_margin=None, grip_ceiling=None, sensor=summary["sensor"])
     print_summary(cast("Any", SimpleNamespace(summary=summary, folder=None, scene=scene)), "theirs")
     printed = capsys.readouterr().out
     assert ("the same with torsion" in printed) == torsion

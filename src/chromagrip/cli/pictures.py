@@ -216,7 +216,7 @@ def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
         table.add_row("", f"{summary['rest_doubt']}: is it loaded, or a layer misplaced?")
     _add_assumed(table, summary)
     table.add_row("noise", f"{summary['noise_levels']:.2f} levels, {summary['noise_from']}")
-    table.add_row("frame rate", f"{summary['fps']:g} Hz")
+    table.add_row("frame rate", f"{summary['fps']:g} Hz, {summary['fps_from']}")
     for name, layer in summary["layers"].items():
         share = layer["visible_share"]
         visible = "" if share is None else f", seen in {100 * share:.2f} % of the frames"
@@ -358,7 +358,8 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
 
     frames, silent = summary["frames"], summary["without_estimate"]
     table = value_table()
-    table.add_row("frames", f"{frames} at {summary['fps']:g} Hz (--fps), {summary['ended']}")
+    table.add_row("frames", f"{frames}, {summary['ended']}")
+    table.add_row("frame rate", f"{summary['fps']:g} Hz, {summary['fps_from']}")
     if summary["source_doubt"]:
         table.add_row("", summary["source_doubt"])
     table.add_row("rest frame", f"{summary['rest']}, {summary['rest_misfit_px']:.2f} px off")
@@ -369,6 +370,10 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
     if summary["camera_pose"]["notable"]:
         table.add_row("camera", pose_words(summary["camera_pose"]))
     table.add_row("noise", f"{summary['noise_levels']:.2f} levels, {summary['noise_from']}")
+    if (method := summary["reconstructor"]) is not None:
+        table.add_row("forces by", f"{method}{_meaning(method)}")
+        if summary["reconstructor_doubt"]:
+            table.add_row("", summary["reconstructor_doubt"])
     final = summary["last_estimate"]
     last_frame = frames and final == frames - 1
     at = "at the end" if last_frame else f"in frame {final}, the last with an estimate"
@@ -402,6 +407,14 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
         )
     print_table(table)
     print(_seen_in(folder, "figure.png", "overlay.mp4"))
+
+
+def _meaning(method: str) -> str:
+    """What a reconstructor of ours is, in brackets; empty for another's."""
+    from ..tracking.forces import RECONSTRUCTORS
+
+    words = RECONSTRUCTORS.entries[method][1] if method in RECONSTRUCTORS.entries else ""
+    return f" ({words})" if words else ""
 
 
 def _seen_in(folder: Path | None, *names: str) -> str:

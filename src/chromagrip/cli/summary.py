@@ -8,6 +8,7 @@ from .options import print_table, value_table
 if TYPE_CHECKING:
     from ..loop.record import Result
     from ..loop.trace import Summary
+    from ..scene.scene import Scene
 
 #: Text of a value of the summary, by its name and a number of digits.
 Number = Callable[..., str]
@@ -15,7 +16,7 @@ Number = Callable[..., str]
 
 def print_summary(result: "Result", name: str) -> None:
     """Print the results of a run of a scene with that name."""
-    from ..loop.results.expected_error import expected_words
+    from ..loop.results.expected_error import expected_words, lost_object
     from ..loop.trace import reading_words
 
     summary, table = result.summary, value_table()
@@ -29,10 +30,10 @@ def print_summary(result: "Result", name: str) -> None:
     aim = "no target" if target is None else f"target {target:.2f}"
     table.add_row("controller", f"{summary['controller']}, {summary['path']} path, {aim}")
     rows = {"chain": _rows_of_one, "dome": _rows_of_one, "pinch": _rows_of_two}
-    for name, words in rows[summary["mechanics"]](summary, number):
+    for name, words in rows[summary["mechanics"]](result.scene, summary, number):
         table.add_row(name, words)
     if (expected := summary.get("margin_error_expected")) is not None:
-        table.add_row("error to expect", expected_words(expected))
+        table.add_row("error to expect", expected_words(expected, lost_object(summary)))
     table.add_row("speed", f"{number('frames_per_second', 1)} frames/s")
     if summary.get("reading_ms") is not None:
         table.add_row("time to read a frame", reading_words(summary))
@@ -41,8 +42,8 @@ def print_summary(result: "Result", name: str) -> None:
     print_table(table)
 
 
-def _rows_of_one(summary: "Summary", number: Number) -> Iterator[tuple[str, str]]:
-    from ..loop.trace import word_for_read
+def _rows_of_one(scene: "Scene", summary: "Summary", number: Number) -> Iterator[tuple[str, str]]:
+    from ..loop.trace import ceiling_words, word_for_read
     from ..render import load_sensor
     from ..tracking.forces import pose_words
 
@@ -66,6 +67,11 @@ def _rows_of_one(summary: "Summary", number: Number) -> Iterator[tuple[str, str]
         because = next(iter(summary["without_estimate_because"]))
         frames = f"{summary['without_estimate']} of {summary['frames']} frames"
         yield "no estimate in", f"{frames}, mostly: {because}"
+    if summary["final_mu_true"] is not None:
+        yield (
+            "friction coefficient",
+            f"{number('final_mu_true')} true, {number('final_mu_estimated')} {read} at the end",
+        )
     yield "error of the margin, RMS", number("margin_rmse")
     if summary["camera_pose"] and summary["camera_pose"]["notable"]:
         yield "camera", pose_words(summary["camera_pose"])
@@ -84,15 +90,21 @@ def _rows_of_one(summary: "Summary", number: Number) -> Iterator[tuple[str, str]
     if not torsion and (markers.swell_mm or markers.stretch):
         yield "mechanics", "those of the chain, not of this dome's silicone"
     yield "largest grip force", f"{number('max_grip_n')} N"
+    if (words := ceiling_words(scene, summary)) is not None:
+        yield "", words
     yield "largest pressure", f"{number('max_pressure_n_per_m', 0)} N/m"
 
 
-def _rows_of_two(summary: "Summary", number: Number) -> Iterator[tuple[str, str]]:
+def _rows_of_two(scene: "Scene", summary: "Summary", number: Number) -> Iterator[tuple[str, str]]:
+    from ..loop.trace import ceiling_words
+
     mass, final = summary["mass_g"], summary["final_mass_g"]
     filled = "" if final in (None, mass) else f", {final:g} g at the end"
     stands = "" if summary["lifted"] else ", on the table at the end"
     if summary["outcome"] == "dropped":
         stands = f" at {summary['duration_s']:.2f} s, where the run ends"
+    if not summary["left_table"]:
+        stands += "; it never left the table"
     yield "the object", f"{mass:g} g{filled}: {summary['outcome']}{stands}"
     yield (
         "smaller margin at the end",
@@ -100,7 +112,7 @@ def _rows_of_two(summary: "Summary", number: Number) -> Iterator[tuple[str, str]
     )
     if summary["smallest_limit_margin_true"] is not None:
         smallest = number("smallest_limit_margin_true")
-        yield "smallest while lifted", f"{smallest} with torsion"
+        yield "smallest as the hand lifts", f"{smallest} with torsion"
     yield "error of the margin, RMS", number("margin_rmse")
     if summary["without_estimate"]:
         because = next(iter(summary["without_estimate_because"]))
@@ -113,3 +125,5 @@ def _rows_of_two(summary: "Summary", number: Number) -> Iterator[tuple[str, str]
     )
     yield "largest pressure", f"{number('max_pressure_kpa', 1)} kPa"
     yield "grip", f"{number('max_grip_n', 2)} N at most, {number('final_grip_n', 2)} N at the end"
+    if (words := ceiling_words(scene, summary)) is not None:
+        yield "", words

@@ -76,8 +76,9 @@ class GripEnv(gymnasium.Env[Observation, Action]):
     action: `force` or `rate` of the force
     path: path from which `margin` and `forces` come (default `truth`, which is fast)
     changes: changes to the scene, by dotted key, such as `{"object.friction": 0.3}`
-    most_n: largest grip force (default: 5, or twice what holds the scene's largest load with a
-        margin of 0.3, if that is more) [N]
+    most_n: largest grip force (default: 5, or what holds 1.2 times the scene's largest load with a
+        margin of 0.3 at a friction of 0.3, if that is more) [N]; an attribute of the environment,
+        which changes of a single grasp leave as it is
     rate_n_per_s: largest rate of the grip force (default 20) [N/s]
     dropped_mm: sliding of the whole contact that counts as a drop with one finger [mm] (default
         1; with two fingers `pinch.dropped_mm` of the scene)
@@ -129,7 +130,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         self._stage: Stage | None = None
         self._rig = self._open({})
         opened = self._rig.scene
-        self._most = _most_n(opened) if most_n is None else most_n
+        self.most_n = _most_n(opened) if most_n is None else most_n
         self.metadata = {**self.metadata, "render_fps": opened.camera.rate_hz}
         each = fingers(opened)
         rests: list[Tracks | None] = [None for _ in each]
@@ -192,7 +193,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         self._touched |= status.touched
         sliding = 0.1e-3  # slowest motion of the whole contact that counts as sliding [m/s]
         held_now = status.touched and slid < sliding * self._rig.scene.period
-        reward = held_now * (1.0 - self._rig.applied / self._most)
+        reward = held_now * (1.0 - self._rig.applied / self.most_n)
         reward -= DROP_COST * slid / self._dropped
         if status.unpaid or gave_up:
             reward = -DROP_COST
@@ -267,9 +268,9 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             raise UserError(f"action {share} is not finite; allowed is -1 to 1")
         share = min(max(share, -1.0), 1.0)
         if self._action == "force":
-            return 0.5 * (share + 1.0) * self._most
+            return 0.5 * (share + 1.0) * self.most_n
         change = share * self._rate * self._rig.scene.period
-        return min(max(self._grip + change, 0.0), self._most)
+        return min(max(self._grip + change, 0.0), self.most_n)
 
     def _arrive(self) -> None:
         """Send this frame's readings on their way, and take those that arrive."""
@@ -330,11 +331,13 @@ class GripEnv(gymnasium.Env[Observation, Action]):
 
 def _most_n(scene: Scene) -> float:
     """Largest grip force of an environment that is given none [N]."""
-    usual, times, gravity = 5.0, 2.0, 9.81
+    usual, times, gravity = 5.0, 1.2, 9.81
+    # Not the scene's friction: the scale of the actions would tell it.
+    friction = 0.3
     loads = {1: max(map(abs, scene.load.forces_n), default=0.0)}
     loads[2] = 0.5e-3 * scene.pinch.mass_g * gravity  # each finger bears a half
     margin = scene.target_margin or 0.3
-    needed = loads[scene.fingers] / (scene.object.friction * (1.0 - margin))
+    needed = loads[scene.fingers] / (friction * (1.0 - margin))
     return max(usual, times * needed)
 
 

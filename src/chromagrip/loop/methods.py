@@ -1,5 +1,6 @@
 """Methods of a run: those that a scene names, or objects and classes from Python."""
 
+import inspect
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -11,6 +12,7 @@ from ..errors import UserError, located
 from ..scene.controllers import CONTROLLERS
 from ..scene.scene import Body, Scene
 from ..sensing.reader import known_sensor
+from ..strict_toml import Values
 from ..tracking import (
     AUTOMATIC,
     DEFAULT_RECONSTRUCTOR,
@@ -100,10 +102,26 @@ def choose(scene: Scene, **choices: Any) -> tuple[Scene, Methods]:
     reconstructor = names.get("reconstructor", scene.reconstructor)
     if scene.path == "camera":
         names["reconstructor"] = reconstructor_for(scene.body, reconstructor)
-    if "controller" in chosen:
-        names["controller_arguments"] = {}
+    controller = chosen.get("controller", scene.controller)
+    arguments = {} if "controller" in chosen else scene.controller_arguments
+    names["controller_arguments"] = _own_target(controller) | arguments
     scene = msgspec.structs.replace(scene, **names)
     return scene, Methods(**{**vars(Methods.of_scene(scene)), **chosen})
+
+
+def _own_target(controller: Any) -> Values:
+    """Target of a controller of one's own by default: that of its argument `desired_margin`."""
+    if isinstance(controller, str):
+        if controller in CONTROLLERS.entries:
+            return {}
+        controller = CONTROLLERS.load(controller)
+    try:
+        argument = inspect.signature(controller).parameters.get("desired_margin")
+    except (TypeError, ValueError):  # an object that is no factory, or one without a signature
+        target = getattr(controller, "desired_margin", None)
+    else:
+        target = argument and argument.default
+    return {"desired_margin": target} if isinstance(target, float | int) else {}
 
 
 def readable(scene: Scene, methods: Methods) -> SensorCalibration | None:

@@ -155,6 +155,7 @@ def summarise(
         **_lateness(scene, spent.reading),
         "margin_rmse": _margin_error(trace, prefixes(scene)),
         "max_grip_n": _largest(trace["grip_n"]),
+        "grip_ceiling_n": scene.grip_ceiling,
         "final_grip_n": _last(trace["grip_n"]),
     }
     values |= _OWN_VALUES[scene.mechanics](scene, trace)
@@ -185,6 +186,19 @@ def reading_words(summary: Summary) -> str:
         f"{reading['median']:.1f} ms in the median, {reading['p99']:.1f} ms in 99 %, "
         f"{reading['worst']:.1f} ms at worst; {summary['late_frames']} late"
     )
+
+
+def ceiling_words(scene: Scene, summary: Mapping[str, Any]) -> str | None:
+    """Say that the grip stood at its ceiling at the end; None where it did not."""
+    ceiling, final = scene.grip_ceiling, summary.get("final_grip_n")
+    if ceiling is None or not final or final < ceiling - 1e-6:
+        return None
+    words = f"which is the controller's ceiling of {ceiling:g} N"
+    if scene.fingers == 1:
+        return words
+    gravity, friction = 9.81, scene.object.friction
+    needed = 0.5e-3 * (summary.get("final_mass_g") or scene.pinch.mass_g) * gravity / friction
+    return f"{words}; at a friction of {friction:g} the weight alone needs {needed:.1f} N"
 
 
 def _of_one(scene: Scene, trace: Trace) -> Summary:
@@ -224,6 +238,7 @@ def _of_two(scene: Scene, trace: Trace) -> Summary:
         "mass_g": scene.pinch.mass_g,
         "final_mass_g": _last(trace["mass_g"]),
         "lifted": bool(len(trace) and not trace["table_n"][-1]),
+        "left_table": bool((trace["table_n"][lifted] == 0.0).any()),
         "outcome": _outcome(trace),
         "final_margin_true": _last(margins.min(axis=0)),
         "final_limit_margin_true": _last(limits.min(axis=0)),

@@ -26,6 +26,8 @@ Image = NDArray[np.uint8]
 
 #: Rate of sources that have none of their own [Hz].
 DEFAULT_FPS = 30.0
+#: Where a rate comes from.
+GIVEN, ASSUMED = "given", "assumed; give yours with --fps"
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 _LOSSY = (".jpg", ".jpeg")
 _KINDS = "a picture, a folder of pictures, a video file, pipe:FILE or camera:0"
@@ -44,6 +46,7 @@ class Source:
         break off
     count: number of frames; None where it is not known beforehand
     fps: rate [Hz], nominal where frames carry their own times
+    fps_from: where the rate comes from, in words
     live: whether it is a camera, which gives no frame twice
     lossy: whether its compression leaves errors in the pictures
     files: of its frames; empty where they have none of their own
@@ -53,6 +56,7 @@ class Source:
     frames: Callable[[], Iterator[Frame]]
     count: int | None
     fps: float
+    fps_from: str = GIVEN
     live: bool = False
     lossy: bool = False
     files: tuple[Path, ...] = ()
@@ -88,6 +92,7 @@ def open_source(
             frames=lambda: _pipe_frames(pipe, max_megapixels),
             count=None,
             fps=fps or DEFAULT_FPS,
+            fps_from=ASSUMED if fps is None else GIVEN,
         )
     if re.fullmatch(r"camera:\d+", name):
         number = int(name.removeprefix("camera:"))
@@ -96,6 +101,7 @@ def open_source(
             frames=lambda: _camera_frames(number),
             count=None,
             fps=fps or DEFAULT_FPS,
+            fps_from="nominal" if fps is None else GIVEN,
             live=True,
         )
     if path.is_dir():
@@ -198,7 +204,13 @@ def _pictures(name: str, files: list[Path], fps: float | None, max_megapixels: f
 
     lossy = any(path.suffix.lower() in _LOSSY for path in files)
     return Source(
-        name=name, frames=frames, count=len(files), fps=rate, lossy=lossy, files=tuple(files)
+        name=name,
+        frames=frames,
+        count=len(files),
+        fps=rate,
+        fps_from=ASSUMED if fps is None else GIVEN,
+        lossy=lossy,
+        files=tuple(files),
     )
 
 
@@ -280,13 +292,15 @@ def _piped(file: BinaryIO, name: str, max_megapixels: float) -> NDArray[Any]:
 def _video(path: Path, fps: float | None, max_megapixels: float) -> Source:
     with _open_video(path, max_megapixels) as container:
         stream = container.streams.video[0]
-        rate = fps or float(stream.average_rate or DEFAULT_FPS)
+        stream_rate = stream.average_rate
+        rate = fps or float(stream_rate or DEFAULT_FPS)
         count, lossy = stream.frames or None, stream.codec_context.codec.lossy
     return Source(
         name=str(path),
         frames=lambda: _video_frames(path, fps, max_megapixels),
         count=count,
         fps=rate,
+        fps_from=("the video's own" if stream_rate else ASSUMED) if fps is None else GIVEN,
         lossy=lossy,
     )
 

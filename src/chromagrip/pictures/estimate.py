@@ -1,7 +1,6 @@
 """Forces, friction and margin in one's own pictures, in a folder."""
 
 import math
-import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -12,6 +11,7 @@ from typing import TypedDict
 import numpy as np
 
 from ..by_name import Choice
+from ..compiled import working_time
 from ..errors import UserError, located, meant
 from ..extras import lacking, table_suffix
 from ..loop.trace import counted_kinds
@@ -23,6 +23,7 @@ from ..sensing.reader import DEFAULT_WINDOW
 from ..stored_pictures import MEGAPIXELS
 from ..tracking import (
     CAMERA_RULE,
+    DEFAULT_RECONSTRUCTOR,
     FRICTION,
     DisplacementGains,
     FrictionRule,
@@ -32,10 +33,10 @@ from ..tracking import (
     check_reconstructor,
     load_calibration,
 )
-from ..tracking.forces import PoseTable, rest_pose
+from ..tracking.forces import PoseTable, body_read, rest_pose
 from ..tracking.forces.chain import UsedReadOut, used
 from .figure import Truth, draw_figure
-from .following import Add, Course, Outcome, Progress, follow, opened_folder
+from .following import Add, Course, Outcome, Progress, SpeedCount, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
 from .overlay import OVERLAY, open_overlay
 from .readings import Read, displacement_reading, force_reading
@@ -85,6 +86,7 @@ class Method(TypedDict):
     format: str
     calibration: str
     reconstructor: str | None
+    reconstructor_doubt: str | None
     readout: UsedReadOut | None
     stiffness_deviation: float | None
     friction: str | None
@@ -168,6 +170,7 @@ def estimate_source(
         "format": FORMAT,
         "calibration": calibration,
         "reconstructor": read_with and read_with["reconstructor"],
+        "reconstructor_doubt": _assumed(reconstructor, known),
         "readout": read_with and read_with["readout"],
         "stiffness_deviation": read_with and read_with["stiffness_deviation"],
         "friction": friction,
@@ -196,6 +199,19 @@ def _displacement_gains(known: SensorCalibration, name: str) -> DisplacementGain
             "displacements; get them from presses with `chromagrip calibrate sensor`"
         )
     return known.displacement
+
+
+def _assumed(reconstructor: Choice, known: SensorCalibration) -> str | None:
+    """What the default reconstructor assumes of a sensor that two of them can read, in words."""
+    sensor = known.sensor
+    if reconstructor != DEFAULT_RECONSTRUCTOR or sensor.shape.flat or sensor.silicone is None:
+        return None
+    if body_read(known) == "dome":
+        return None  # nothing else reads a dome that was built
+    return (
+        "assumed: layers that move as in the model of the thesis, a chain of nodes; if the "
+        "pictures show a dome of silicone, give --reconstructor contact"
+    )
 
 
 def _friction_rule(name: str | None) -> FrictionRule:
@@ -230,7 +246,7 @@ class _Rows:
         self._truth = truth
         self._read, self._opened, self._out, self._flat = read, opened, out, flat
         self._rows: list[Row] = []
-        self._seconds = 0.0
+        self._clock = SpeedCount()
 
     def open_files(self, files: ExitStack) -> Add:
         """Open table and overlay; what adds a frame to them."""
@@ -242,9 +258,9 @@ class _Rows:
             video = open_overlay(self._out, self._opened.source.fps, files)
 
         def add(index: int, frame: Frame, tracks: Tracks) -> None:
-            begin = time.perf_counter()
+            begin = working_time()
             row, draw = self._read(frame, tracks)
-            self._seconds += time.perf_counter() - begin
+            self._clock.add(working_time() - begin)
             row |= {"frame": index, "time_s": frame.time}
             # Arrays would make the memory grow with the source.
             self._rows.append({k: v for k, v in row.items() if not isinstance(v, np.ndarray)})
@@ -275,7 +291,6 @@ class _Rows:
                     "last_interval": _interval(estimated[-1], name),
                     "median": float(np.median(values)),
                 }
-        count = len(self._rows)
         return {
             "without_estimate": len(reasons),
             "without_estimate_because": counted_kinds(reasons),
@@ -283,7 +298,7 @@ class _Rows:
             "estimates": columns,
             "truth": dict(_compared(estimated, self._truth)),
             "mu_observable_frames": sum(bool(row.get("mu_observable")) for row in estimated),
-            "ms_per_estimate": 1e3 * self._seconds / count if count else None,
+            "ms_per_estimate": self._clock.milliseconds,
         }
 
 

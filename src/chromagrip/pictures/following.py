@@ -2,16 +2,16 @@
 
 import itertools
 import json
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import working_time
 from ..errors import UserError
 from ..folders import prepared, write_whole
 from ..output.processes import one_thread
@@ -68,6 +68,24 @@ class Outcome(Generic[Summary]):
     broken: str | None
 
 
+@dataclass
+class SpeedCount:
+    """Mean time of a frame. The first of several loads kernels and tables, and does not count."""
+
+    frames: int = 0
+    seconds: float = 0.0
+
+    def add(self, seconds: float) -> None:
+        """Count a frame."""
+        self.seconds = seconds if self.frames < 2 else self.seconds + seconds
+        self.frames += 1
+
+    @property
+    def milliseconds(self) -> float | None:
+        """Mean time [ms]; None without a frame."""
+        return 1e3 * self.seconds / max(1, self.frames - 1) if self.frames else None
+
+
 @dataclass(kw_only=True)
 class _Tally:
     """Counts while frames pass; its size does not grow with their number.
@@ -79,7 +97,7 @@ class _Tally:
     known: NDArray[np.bool_]
     visible: NDArray[np.int64]
     frames: int = 0
-    seconds: float = 0.0
+    clock: SpeedCount = field(default_factory=SpeedCount)
     ambiguous: int = 0
     absent: bool = True
     last: Tracks | None = None
@@ -87,7 +105,7 @@ class _Tally:
 
     def add(self, tracks: Tracks, seconds: float) -> None:
         self.frames += 1
-        self.seconds += seconds
+        self.clock.add(seconds)
         self.visible += tracks.visible
         self.ambiguous += int(tracks.ambiguous.sum())
         self.last = tracks
@@ -174,9 +192,9 @@ def _tracked(
     """Frames with their tracks, until the source ends or breaks off."""
     try:
         for index, frame in enumerate(itertools.islice(opened.frames, limit)):
-            begin = time.perf_counter()
+            begin = working_time()
             tracks = opened.reader.track(frame)
-            tally.add(tracks, time.perf_counter() - begin)
+            tally.add(tracks, working_time() - begin)
             yield index, frame, tracks
     except UserError as error:
         tally.broken = str(error)
@@ -198,7 +216,7 @@ def _course(tally: _Tally, opened: Opened, complete: bool, ended: str) -> Course
         "layers": layers,
         "lost": [] if tally.last is None else _lost(tally.last, tally.known, palette),
         "ambiguous": tally.ambiguous,
-        "ms_per_frame": 1e3 * tally.seconds / frames if frames else None,
+        "ms_per_frame": tally.clock.milliseconds,
     }
 
 

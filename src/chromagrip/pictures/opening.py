@@ -37,6 +37,7 @@ class Setup(TypedDict):
     scaled_by: float
     view_px: list[float]
     fps: float
+    fps_from: str
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,7 @@ def open_tracking(
 ) -> Opened:
     """Tracker that knows the unloaded sensor, and the frames to follow; see `track_source`.
 
-    Pictures are scaled and cut to those of the camera of a `sensor`, or reduced, see `fitting`, and
-    so is their noise.
+    Pictures, and their noise, are scaled to a `sensor`'s camera, or reduced, see `fitting`.
 
     Raises
     ------
@@ -124,6 +124,7 @@ def open_tracking(
         scaled_by=fitted.scale,
         view_px=[round(value, 1) for value in fitted.taken],
         fps=opened.fps,
+        fps_from=opened.fps_from,
     )
     shown = (replace(frame, image=fitted(frame.image)) for frame in frames)
     reader = Reader.of_tracker(made, repr(name), resting)

@@ -153,6 +153,9 @@ class Scene(Table, frozen=True):
                 f"controller_arguments are for a module:Class; the settings of {self.controller} "
                 f"are in [{self._settings_name}]"
             )
+        target = self.target_margin
+        if target is not None and not 0.0 <= target < 1.0:
+            raise UserError(f"desired_margin = {target:g}: expected 0 or more and below 1")
         self._refuse_keys(*_UNKNOWN_KEYS[self.body])
         self._refuse_keys(*_UNKNOWN_KEYS[self.fingers])
         {"chain": self._check_chain, "dome": self._check_dome, "pinch": self._check_pinch}[
@@ -261,12 +264,19 @@ class Scene(Table, frozen=True):
     def target_margin(self) -> float | None:
         """Safety margin that the controller aims at; None if it has no such setting.
 
-        That of a class of one's own is its argument `desired_margin`, where one is given.
+        That of a class of one's own is its argument `desired_margin`.
         """
         settings = getattr(self, self._settings_name, None)
         own = with_arguments(self.controller)[1] | self.controller_arguments
         target = getattr(settings, "desired_margin", own.get("desired_margin"))
         return float(target) if isinstance(target, float | int) else None
+
+    @property
+    def grip_ceiling(self) -> float | None:
+        """Largest grip force that the controller gives [N]; None if it has no such setting."""
+        settings = getattr(self, self._settings_name, None)
+        ceiling = getattr(settings, "ceiling_n", None)
+        return None if ceiling is None else float(ceiling)
 
     @property
     def sliding_margin(self) -> float | None:

@@ -1,5 +1,7 @@
 """Error of Γ to be expected of a sensor and its reader, from runs and limits measured before."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -78,18 +80,31 @@ def expected_error(scene: Scene, reconstructor: str) -> ExpectedError:
     }
 
 
-def expected_words(expected: ExpectedError) -> str:
-    """Describe it in words, with the reason."""
-    noise, allowed = expected["noise_allows"], expected["picture_allows"]
-    why = ""
-    if noise is not None and allowed is not None:
-        why = f". Why: the camera's noise makes {noise:.3f} in one picture"
-        if allowed > noise:
-            why += f", and {allowed:.3f} together with contacts unlike those that the reader fits"
-        why += "; a reader that follows many pictures can be better"
+def expected_words(expected: ExpectedError, lost: bool) -> str:
+    """Describe it in words, with the reason.
+
+    Parameters
+    ----------
+    lost: whether this run lost its object, which the measured runs did not
+    """
     if expected["typical"] is None:
-        return f"not measured for this sensor and reader{why}"
-    return (
+        return "not measured for this sensor and reader"
+    words = (
         f"{expected['typical']:.3f} RMS in the median and {expected['worst']:.3f} at worst of "
-        f"{expected['situations']} runs measured at {expected['rate_hz']:g} Hz{why}"
+        f"{expected['situations']} runs of margin-inversion measured at {expected['rate_hz']:g} Hz"
     )
+    if lost:
+        return f"{words} that held their object, which this one did not"
+    noise, allowed = expected["noise_allows"], expected["picture_allows"]
+    if noise is None or allowed is None:
+        return words
+    why = f"the camera's noise makes {noise:.3f}"
+    if allowed > noise:
+        unlike = math.sqrt(allowed**2 - noise**2)
+        why += f", and contacts unlike those that the reader fits {unlike:.3f}"
+    return f"{words}. Why: in one picture alone {why}; a run averages over its pictures"
+
+
+def lost_object(summary: Mapping[str, object]) -> bool:
+    """Whether a run lost its object, from its summary."""
+    return bool(summary.get("gross_slip")) or summary.get("outcome") in ("dropped", "never lifted")

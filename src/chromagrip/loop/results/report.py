@@ -8,8 +8,8 @@ from ...model import GROSS_SLIP
 from ...output.run_page import RunOnPage, write_run_page
 from ...scene.scene import PathName, Scene
 from ..columns import prefixes
-from ..trace import Summary, may_slide, reading_words, word_for_read
-from .expected_error import expected_words
+from ..trace import Summary, ceiling_words, may_slide, reading_words, word_for_read
+from .expected_error import expected_words, lost_object
 from .panels import Columns, panels_of
 from .run_folder import RunRead
 from .tactile_video import SLOWDOWN
@@ -60,7 +60,8 @@ def _words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
         yield f"The run ended early, at {summary['duration_s']:.2f} s of {scene.duration_s:g} s."
     yield from {1: _one_words, 2: _two_words}[scene.fingers](scene, summary, of)
     if (expected := summary.get("margin_error_expected")) is not None:
-        yield f"Error of Γ to expect of this sensor and reader: {expected_words(expected)}."
+        words = expected_words(expected, lost_object(summary))
+        yield f"Error of Γ to expect of this sensor and reader: {words}."
         if summary.get("reconstructor") == "contact":
             yield (
                 "µ is seen only where the object slides or is about to: before that its estimate "
@@ -127,8 +128,12 @@ def _two_words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
     )
     if summary["outcome"] == "dropped":
         yield f"It was dropped at {summary['duration_s']:.2f} s, where the run ends."
+        if summary.get("left_table") is False:
+            yield "It never left the table."
     elif not summary["lifted"]:
         yield "The table still carried a part of the weight at the end."
+    if (words := ceiling_words(scene, summary)) is not None:
+        yield f"At the end the grip was {summary['final_grip_n']:g} N, {words}."
     name = "The smaller margin, with torsion,"
     yield _margin_words(scene, name, summary["final_limit_margin_true"], None)
 
@@ -162,7 +167,7 @@ _FACTS = (
     ("smallest Γ, true", "smallest_margin_true", ".3f", ""),
     ("error of Γ, RMS", "margin_rmse", ".3f", ""),
     ("{smaller}margin with torsion at the end, true", "final_limit_margin_true", ".3f", ""),
-    ("smallest with torsion while lifted, true", "smallest_limit_margin_true", ".3f", ""),
+    ("smallest with torsion as the hand lifts, true", "smallest_limit_margin_true", ".3f", ""),
     ("µ at the end, true", "final_mu_true", ".3f", ""),
     ("µ at the end, {read}", "final_mu_estimated", ".3f", ""),
     ("lateral displacement", "lateral_displacement_mm", ".3f", "mm"),

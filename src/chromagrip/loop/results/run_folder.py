@@ -88,6 +88,8 @@ class _Known(msgspec.Struct, kw_only=True):
     rigid_slip_mm: _Value = None
     max_grip_n: _Value = None
     final_grip_n: _Value = None
+    grip_ceiling_n: _Value = None
+    left_table: bool | None = None
     max_pressure_n_per_m: _Value = None
 
 

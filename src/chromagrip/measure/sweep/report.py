@@ -15,10 +15,11 @@ SHOWN_OF_TWO = ("turn", "displacement", "pressure_max", "energy")
 #: What is lost with one finger.
 _LOST = (
     "lost: runs in which the object slipped by more than 0.2 mm, or that did not come to their "
-    "end. overloaded: time for which friction cannot hold the load. settling: time from the last "
-    "change of load or friction until Γ stays within 0.05 of its target (0.30 where a controller "
-    "has none); never: it did not, and is left out of the mean. pressure_max: over the width of "
-    "the contact plus one node pitch, lower than what `grasp` prints without it."
+    "end. overloaded: time for which the load exceeds µ·ΣFn; where it is short, the object's "
+    "inertia and drag bear the rest, and it does not slide. settling: time from the last change of "
+    "load or friction until Γ stays within 0.05 of its target (0.30 where a controller has none); "
+    "never: it did not, and is left out of the mean. pressure_max: over the width of the contact "
+    "plus one node pitch, lower than what `grasp` prints without it."
 )
 
 

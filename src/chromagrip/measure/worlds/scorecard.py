@@ -38,7 +38,8 @@ SCORES: dict[str, tuple[str, Callable[[Array], float]]] = {
 #: Explanation of the scores.
 NOTES = (
     "gross: number of runs that slip by more than 0.2 mm. displacement: of the object over the "
-    "fingertip, the largest. overloaded: longest time for which friction cannot hold the load.",
+    "fingertip, the largest. overloaded: longest time for which the load exceeds "
+    "µ·ΣFn; where it is short, the object's inertia and drag bear the rest, and it does not slide.",
     "settling: time from the last change of load or friction to the last exit of Γ from its "
     "target ± 0.05, or to the end; 90th percentile. overshoot: largest excess of Γ over its target "
     "after that change. A controller without a target has 0.30.",
