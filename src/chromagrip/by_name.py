@@ -4,6 +4,7 @@ Each kind of method (tracker, reconstructor, controller, renderer, integrator, g
 `Registry`.
 """
 
+import inspect
 import os
 import sys
 import traceback
@@ -94,6 +95,8 @@ class Registry:
         factory = self._import(choice) if isinstance(choice, str) else choice
         if isinstance(factory, type):
             self._check_methods(factory, name_of(choice))
+        if arguments:
+            _check_arguments(f"{self.kind} {name_of(choice)!r}", factory, arguments)
         return partial(factory, **arguments) if arguments else factory
 
     def build(self, choice: Choice | object, arguments: Mapping[str, Any] | None = None) -> Any:
@@ -300,6 +303,21 @@ def _find_in_working_folder() -> None:
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.append(folder)
+
+
+def _check_arguments(what: str, factory: Any, arguments: Iterable[str]) -> None:
+    """Refuse an argument that a factory does not take, where its signature is known."""
+    try:
+        parameters = inspect.signature(factory).parameters.values()
+    except (TypeError, ValueError):
+        return
+    if any(one.kind == one.VAR_KEYWORD for one in parameters):
+        return
+    taken = [one.name for one in parameters if one.kind != one.POSITIONAL_ONLY]
+    for name in arguments:
+        if name not in taken:
+            there = f"it has {', '.join(taken)}" if taken else "it has none"
+            raise UserError(f"{what} has no argument {name}{meant(name, taken)}; {there}")
 
 
 def make(kind: str, name: str, factory: Callable[[], Any]) -> Any:

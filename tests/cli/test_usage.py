@@ -187,6 +187,15 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("render --object ball --tilt-deg 200 0", "--tilt-deg 200: expected -90 to 90 about each "),
         ("render --object ball --tilt-deg 0 nan", "--tilt-deg nan: expected a finite number"),
         ("render --object ball --force 0 0 -2", "--force -2 N downwards: expected 0 or more"),
+        ("plan --tolerance 5%", "expected a number without %, such as 0.05 for 5 %"),
+        ("dataset make tiny --count 4", "no option --count (did you mean --n?)"),
+        ("bench stability", "bench stability (did you mean `chromagrip stability`?): there is "),
+        (
+            "grasp --controller mine:PI --set gain=3",
+            "for an argument of your controller give --arg",
+        ),
+        ("sweep --controller mine:PI --vary gain=2,3", "for an argument of your controller give "),
+        ("grasp --arg gain=2", "(--set margin_inversion.KEY=VALUE)"),
         ("limit --grip -1", "--grip must be finite and above 0, got -1 N"),
         (
             "grasp --controller mine:",
@@ -277,6 +286,32 @@ def test_a_module_of_the_working_folder_is_named_as_it_is_given(
     done = typed(*line.split())
     assert (done.returncode, words in done.stderr) == (2, True), done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["blobs.py"]
+
+
+PI = """from chromagrip.control import GripCommand
+class PI:
+    def __init__(self, gain=1.0, desired_margin=1.5):
+        pass
+    def reset(self):
+        pass
+    def command(self, observation):
+        return GripCommand(force=2.0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("--arg gian=2", "has no argument gian (did you mean gain?); it has gain, desired_margin"),
+        ("", "desired_margin = 1.5: expected 0 or more and below 1"),
+    ],
+)
+def test_an_argument_of_ones_own_controller_is_checked(
+    line: str, words: str, typed: Typed, tmp_path: Path
+) -> None:
+    (tmp_path / "own.py").write_text(PI, encoding="utf-8")
+    done = typed(*f"grasp camera-100hz --controller own:PI {line}".split())
+    assert (done.returncode, words in done.stderr) == (2, True), done.stderr
 
 
 @pytest.mark.parametrize(

@@ -729,6 +729,11 @@ def test_truth_stands_next_to_the_estimates_and_changes_none(tiny: Path, tmp_pat
         assert estimate(*words, calibration="thesis", fps=60.0, out=out) == 0
         found[folder] = (json.loads((out / "summary.json").read_text()), out / "estimates.parquet")
     summary, table = found[sequence]
+    assert summary["reconstructor_doubt"] is None  # a sequence tells its body
+    assert "--reconstructor contact" in found[bare][0]["reconstructor_doubt"]
+    assert {summary["fps_from"], found[bare][0]["fps_from"]} == {"given"}
+    with pytest.raises(UserError, match="is of another sensor than"):
+        estimate(*map(str, (sequence / "rest.png", sequence)), calibration="dome-2022")
     assert table.read_bytes() == found[bare][1].read_bytes()
     assert found[bare][0]["truth"] == {}
     frames, read = pq.read_table(sequence / "frames.parquet"), pq.read_table(table)

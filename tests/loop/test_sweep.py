@@ -10,6 +10,7 @@ from subprocess import CompletedProcess
 import pytest
 
 from chromagrip import UserError, load_scene, run
+from chromagrip.control import ConservativeControl, ConservativeSettings
 from chromagrip.measure.engine import FIGURES, UNFINISHED, key_of
 from chromagrip.measure.score.intervals import share_interval
 from chromagrip.measure.sweep import sweep as swept
@@ -203,6 +204,15 @@ def test_what_settles_is_the_controllers_own_target() -> None:
     own = load_scene("camera-100hz", {"controller": "mine:Own(desired_margin=0.4)"})
     assert own.target_margin == 0.4
     assert load_scene("camera-100hz", {"controller": "mine:Own"}).target_margin is None
+    assert run(load_scene("camera-100hz", QUICK), controller=Aiming).scene.target_margin == 0.2
+
+
+class Aiming(ConservativeControl):
+    """A controller that has a target of its own by default."""
+
+    def __init__(self, desired_margin: float = 0.2) -> None:
+        super().__init__(ConservativeSettings(force_n=2.0))
+        self.target = desired_margin
 
 
 def test_the_interval_of_a_share_is_wilsons() -> None:

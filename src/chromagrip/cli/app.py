@@ -273,6 +273,8 @@ def _parse(words: list[str], known: Mapping[str, Command], prog: str) -> partial
             sentence = _too_many(left.split(", "), words, name or NAME, flags)
         elif name and (bare := re.fullmatch(r"(\w+): its value is missing", sentence)):
             sentence = f"missing: {bare[1].upper()}{_in_order(f'{prog} {name}', known[name])}"
+        elif name and (unknown := _unknown_option(words, known[name])):
+            sentence = _too_many([unknown], words, name, list(_flags(known[name])))
         elif name and sentence.startswith("missing: "):
             sentence += _in_order(f"{prog} {name}", known[name])
         raise UserError(f"{sentence}; see `{page}`") from None
@@ -356,6 +358,8 @@ def _check_group(words: list[str], known: Mapping[str, Command]) -> None:
         if words[0] in STUDIES:
             question = method_meant(words[1], members, "function")
         part = words[1] if words[0] == "bench" else f"{words[0]}-{words[1]}"
+        if not question and words[1] in _first_words():
+            question = f" (did you mean `{NAME} {words[1]}`?)"
         if part in OF_CHECKOUT:
             question = f" (in a checkout it is `./run bench {part}`)"
         raise UserError(f"{words[0]} {words[1]}{question}: there is {', '.join(members)}")
@@ -391,6 +395,13 @@ def _refuse_repeated(words: list[str], command: Command) -> None:
         if given.count(flag) > 1 and flag in _flags(command) and flag not in several:
             more = "; `sweep` runs several" if flag == "--controller" else ""
             raise UserError(f"{flag} is given {given.count(flag)} times; give it once{more}")
+
+
+def _unknown_option(words: list[str], command: Command) -> str | None:
+    """First option that a command does not have."""
+    flags = _flags(command)
+    typed = (word.partition("=")[0] for word in words if re.match(r"--[A-Za-z]", word))
+    return next((flag for flag in typed if flag not in flags), None)
 
 
 def _refuse_bare(words: list[str], command: Command) -> None:
@@ -442,8 +453,8 @@ def _too_many(left: list[str], words: list[str], name: str, flags: list[str]) ->
     unknown = [word.partition("=")[0] for word in left if re.match(r"--?[A-Za-z]", word)]
     if unknown:
         questions = (
-            meant(f"--{w.lstrip('-')}", flags)
-            or _other_name(w, flags)
+            _other_name(w, flags)
+            or meant(f"--{w.lstrip('-')}", flags)
             or _key_meant(w, flags)
             or _elsewhere(w)
             for w in unknown
@@ -526,12 +537,13 @@ def _sentence(box: str) -> str:
     if text.startswith("Missing from"):
         return f"missing: {', '.join(names)}"
     unread = re.match(r"Error parsing (\S+): no type matching (.*) could be .* from \[(.*)\]", text)
+    percent = " without %, such as 0.05 for 5 %" if "%" in text else ""
     if unread:
         kind = next((KINDS[k] for k in KINDS if k in unread[2]), "a valid value")
-        return f"{unread[1]} {unread[3]}: expected {kind}"
+        return f"{unread[1]} {unread[3]}: expected {kind}{percent}"
     number = re.match(r"Error parsing (\S+): .*(float|int\(\)).*?: (.*)", text)
     if number:
-        return f"{number[1]} {number[3]}: expected {KINDS[number[2].strip('()').upper()]}"
+        return f"{number[1]} {number[3]}: expected {KINDS[number[2].strip('()').upper()]}{percent}"
     numbers = re.match(r"Error parsing (\S+): .*valid parse for arguments: \[(.*)\]", text)
     if numbers:
         return f"{numbers[1]} {numbers[2]}: expected numbers with spaces between, such as 1 2"

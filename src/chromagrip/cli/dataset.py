@@ -1,6 +1,7 @@
 """The commands `dataset …`: make, check, info, export, split, merge."""
 
 import sys
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -28,7 +29,7 @@ NewFolder = Annotated[
     str, option("new or empty folder, or an address such as s3://bucket/data", "DIR|URL")
 ]
 #: Largest difference of a part's share from the one asked for that is not told.
-_FAR = 0.1
+_FAR = 0.05
 #: Largest number of sequences in a dataset.
 MOST_SEQUENCES = 10_000_000
 
@@ -256,6 +257,12 @@ def split(
     print(*table_lines(Table(("", *parts), tuple(lines))), sep="\n")
     for sentence in shared_shapes(there, parts):
         print(f"{sentence}: --by shape keeps a shape in one part")
+    forms = values.get("object.shape", {})
+    if by == "shape" and sum(map(len, forms.values())) > len(set(chain(*forms.values()))):
+        print(
+            "a shape is a form with its sizes, so that a form may be in several parts: "
+            "--by object.shape keeps each form in one"
+        )
     found = {name: count / max(sum(counts.values()), 1) for name, count in counts.items()}
     if any(abs(found[name] - share) > _FAR for name, share in asked.items()):
         got = ", ".join(f"{name} {share:.0%}" for name, share in found.items())

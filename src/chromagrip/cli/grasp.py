@@ -34,6 +34,7 @@ from .options import (
     counting,
     new_folder,
     option,
+    refuse_arguments,
     tell_lacking,
 )
 from .readouts import prepare, prepare_scene
@@ -165,7 +166,9 @@ def grasp(
     changed: dict[str, Any] = {key: v for key, v in shortcuts.items() if v is not None}
     for name, value in _arguments("--arg", arguments).items():
         changed[f"controller_arguments.{name}"] = value
-    changed |= changes_of(changes, changed)
+    keys = changes_of(changes, changed)
+    refuse_arguments("--set", keys, (controller,))
+    changed |= keys
     if scene is not None and scene_name is not None:
         raise UserError(f"a scene is given twice: {scene_name} and --scene {scene}")
     scene = scene_name or scene or DEFAULT_SCENE
@@ -272,7 +275,7 @@ def _arguments(flag: str, texts: tuple[str, ...]) -> dict[str, Any]:
 
 
 def plan(
-    scene: Annotated[SceneName, tyro.conf.Positional],
+    scene: Annotated[SceneName, tyro.conf.Positional] = DEFAULT_SCENE,
     *,
     tolerance: Annotated[
         float | None, option("largest RMS error of the safety margin Γ, a fraction", "SHARE")
@@ -284,7 +287,7 @@ def plan(
     """Choose the cheapest methods and steps that keep the error of Γ within a tolerance.
 
     Without --tolerance it lists every choice with its time per frame in ms and its error of Γ. Both
-    were measured in situations like the scene's.
+    were measured in situations like the scene's, by default those of `grasp`.
 
     Example: chromagrip plan margin-60hz --tolerance 0.1
     """
@@ -311,10 +314,12 @@ def plan(
                 f"{one.milliseconds:.2g}",
                 f"{one.typical:.3f}",
                 f"{one.error:.3f}",
+                "yes" if one.milliseconds <= 1e3 * loaded.period else "no",
             )
             for one in found
         ]
-        header = ("methods and steps", "ms a frame", "error of Γ", "at most")
+        rate = f"keeps {loaded.camera.rate_hz:g} Hz"
+        header = ("methods and steps", "ms a frame", "error of Γ", "at most", rate)
         print(*table_lines(Table(header, tuple(lines))), sep="\n")
         print(
             f"error of Γ: RMS, the median of the {ALIKE} measured situations most like this scene; "

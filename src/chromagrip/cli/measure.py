@@ -26,6 +26,7 @@ from .options import (
     going_on,
     new_folder,
     option,
+    refuse_arguments,
     status,
     stem_of,
 )
@@ -241,6 +242,7 @@ def sweep(
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise UserError(f"{twice[0]} is varied twice; give all its values at once")
+    refuse_arguments("--vary", names, controllers)
     both = [name for name in names if name in fixed]
     if both:
         raise UserError(f"{both[0]} is both varied and set; give it once")

@@ -200,6 +200,20 @@ def changes_of(
     return changes
 
 
+def refuse_arguments(flag: str, keys: Iterable[str], controllers: Iterable[str | None]) -> None:
+    """Refuse an argument of a controller of one's own where a key of a scene is wanted."""
+    from ..scene.scene import Scene
+
+    if not any(":" in name for name in controllers if name):
+        return
+    for key in keys:
+        if "." not in key and key not in Scene.__struct_fields__:
+            raise UserError(
+                f"{flag} {key}: a scene has no such key; for an argument of your controller give "
+                f"--arg {key}=VALUE"
+            )
+
+
 def check_file(path: Path, suffixes: set[str], overwrite: bool) -> None:
     """Refuse before the work a file that could not be written after it."""
     if path.suffix.lower() not in suffixes:

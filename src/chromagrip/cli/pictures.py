@@ -298,11 +298,18 @@ def estimate(
         out = new_folder(f"estimate-{stem_of(source)}")
 
     from ..pictures.estimate import estimate_source, files_lacking
+    from ..render import sensor_names
     from ..tracking import AUTOMATIC, load_calibration
 
     known = load_calibration(calibration)
     sequence = _sequence_of(source)
     if sequence is not None:
+        shown = sequence.scene.sensor
+        if known.name != shown and {known.name, shown} <= set(sensor_names()):
+            raise UserError(
+                f"calibration {known.name} is of another sensor than {source}, whose scene.toml "
+                f"names {shown}"
+            )
         fps = sequence.scene.camera.rate_hz if fps is None else fps
         if reconstructor == _RECONSTRUCTOR and not known.sensor.shape.flat:
             reconstructor = AUTOMATIC[sequence.scene.body]

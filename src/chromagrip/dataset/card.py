@@ -179,6 +179,7 @@ def _histogram(values: NDArray[np.float64]) -> list[str]:
     alike = np.ptp(there) <= rounding * max(abs(there).max(), 1.0)
     around = (there[0] - 0.5, there[0] + 0.5) if alike else None
     counts, edges = np.histogram(there, 10, around)
+    edges[abs(edges) <= rounding * abs(edges).max()] = 0.0
     longest = 30  # length of the longest bar of a histogram [characters]
     bars = np.rint(longest * counts / max(counts.max(), 1)).astype(int)
     return [

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import UserError
+from ..extras import missing
 
 #: A kind of draw with its numbers.
 How = dict[str, list[Any]]
@@ -45,7 +46,10 @@ def check_draw(how: How, name: str) -> None:
     count = _DRAWS[kind]
     if count is None:
         if not numbers:
-            advice = ": give --meshes FOLDER" if name.endswith("object.mesh") else ""
+            advice = ""
+            if name.endswith("object.mesh"):
+                lack = missing("mesh")
+                advice = ": give --meshes FOLDER" + (f"; {lack}" if lack else "")
             raise UserError(f"{name}: {kind} needs something to choose from{advice}")
         return
     if len(numbers) != count or not all(isinstance(v, int | float) for v in numbers):

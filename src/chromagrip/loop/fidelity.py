@@ -263,7 +263,7 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
         raise UserError(
             f"no fidelity is known to keep Γ within {tolerance:g} here; the best, "
             f"{best.fidelity.name}, errs by {best.error:.3f}: give a tolerance of "
-            f"{ceil(100 * best.error) / 100:g} or more"
+            f"{ceil(1000 * best.error) / 1000:g} or more"
         )
     return Choice(
         fidelity=chosen.fidelity,

@@ -184,7 +184,8 @@ def reading_words(summary: Summary) -> str:
     reading = summary["reading_ms"]
     return (
         f"{reading['median']:.1f} ms in the median, {reading['p99']:.1f} ms in 99 %, "
-        f"{reading['worst']:.1f} ms at worst; {summary['late_frames']} late"
+        f"{reading['worst']:.1f} ms at worst; in {summary['late_frames']} of {summary['frames']} "
+        "frames longer than the frame lasts"
     )
 
 

@@ -222,10 +222,16 @@
     for (const { curve, k } of plot.curves) {
       element("path", { d: path(runs[k].time, curve.values, x, y, curve.steps), ...style(curve, k) }, inside);
     }
+    const labels = []; // above every line
+    const places = []; // of the labels of levels; two that lie close would overprint
     for (const [label, level] of plot.levels) {
+      const free = [y(level) - 4, y(level) + 12].find((at) => places.every((other) => Math.abs(other - at) >= 12));
+      const place = free ?? y(level) - 4;
+      places.push(place);
       element("line", { x1: margin.left, x2: right, y1: y(level), y2: y(level), stroke: "var(--ink)", "stroke-dasharray": "2 3" }, plot.svg);
-      element("text", { x: right - 2, y: y(level) - 4, "text-anchor": "end" }, plot.svg).textContent = label;
+      labels.push([label, { x: free === undefined ? right - 150 : right - 2, y: place, "text-anchor": "end" }]);
     }
+    for (const [label, where] of labels) element("text", where, plot.svg).textContent = label;
     // A thousandth of the axis; less than that is not drawn either.
     plot.digits = Math.max(0, 3 - Math.floor(Math.log10(Math.max(Math.abs(low), Math.abs(high)))));
     plot.cursor = element("line", { y1: margin.top, y2: bottom, stroke: "var(--ink)", "stroke-width": 1 }, plot.svg);

@@ -170,7 +170,7 @@ def draw_forces(
     )
     canvas.text(
         [
-            (legends[dome], _FORCE),
+            (f"{legends[dome]}, {field.normal.max(initial=0.0):.2g} N at most", _FORCE),
             (f"marker motion x{magnify}", _MOTION),
             (f"x lost {missing.sum()}", lost_colour),
         ],

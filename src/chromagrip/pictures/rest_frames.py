@@ -46,8 +46,10 @@ def rest_picture(rest: str, source: str) -> Path | None:
 
 
 def refuse_swapped(rest: str, source: str) -> None:
-    """Refuse a folder as the unloaded sensor of a single picture that is called rest…."""
-    if Path(rest).is_dir() and Path(source).is_file() and rest_picture(source, rest) is not None:
+    """Refuse a folder or a video as the unloaded sensor of a picture that is called rest…."""
+    picture, still = Path(source), Path(rest)
+    named = picture.is_file() and is_picture(picture) and picture.name.lower().startswith("rest")
+    if named and (still.is_dir() or (still.is_file() and not is_picture(still))):
         raise UserError(f"rest {rest} and source {source} are swapped: give the rest picture first")
 
 

@@ -150,8 +150,9 @@ class Scene(Table, frozen=True):
             raise UserError("camera.exposure_ms and defects.motion_blur both delay; set one")
         if self.controller_arguments and self.controller in CONTROLLERS.entries:
             raise UserError(
-                f"controller_arguments are for a module:Class; the settings of {self.controller} "
-                f"are in [{self._settings_name}]"
+                "controller_arguments (--arg) are for a controller of your own, module:Class; the "
+                f"settings of {self.controller} are in [{self._settings_name}] (--set "
+                f"{self._settings_name}.KEY=VALUE)"
             )
         target = self.target_margin
         if target is not None and not 0.0 <= target < 1.0:

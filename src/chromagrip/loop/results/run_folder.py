@@ -204,6 +204,8 @@ def _other_kind(folder: Path) -> str:
     """What made a folder that holds no run, and what reads it; "" where that is not known."""
     known = (text for name, text in _OTHERS.items() if (folder / name).is_file())
     text = next(known, "")
+    if not text and any(folder.glob("*/summary.json")):
+        return f"; it holds runs: give {folder}/*"
     return text and f"; it was made by {text}"
 
 

@@ -119,6 +119,11 @@ def _outcome_rows(plan: Mapping[str, Map], done: Mapping[LoopSetting, LoopCell])
         known = [cell for cell in truth if np.isfinite([cell.root, cell.swing]).all()]
         right = np.mean([(cell.root >= 1.0) == cell.swings for cell in known])
         yield reported((name, "cells_predicted_right"), 100.0 * float(right), "%")
+    rates = plan["rate-latency"]
+    for panel in rates.panels:
+        outcomes = [done[one].outcome for one in rates.cells(panel)]
+        row = ("rate-latency", panel.title, "holds")
+        yield reported(row, outcomes.count("holds"), f"of {len(outcomes)}")
     for title, settings in _by_preset(plan["objects"]).items():
         slipped = sum(done[one].displacement_mm > 1e3 * GROSS_SLIP for one in settings)
         yield reported(("objects", title, "gross_slip"), slipped, f"of {len(settings)}")

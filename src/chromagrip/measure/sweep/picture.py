@@ -30,7 +30,8 @@ def draw_sweep(plan: Plan, cells: Sequence[SweepCell], path: Path) -> None:
     others = [name for name, values in plan.axes if len(values) > 1][2:]
     notes = [f"mean over {', '.join(others)}"] if others else []
     if len(axes) == 2 and any(one.lost for one in cells):
-        notes.append("in brackets: objects were lost in some runs")
+        every = all(one.lost for one in cells)
+        notes.append(f"in brackets: objects were lost in {'all' if every else 'some'} runs")
     footnote = "; ".join(notes)
     panels = {"lost": "share", **shown(cells)}
     rows = math.ceil(len(panels) / _COLUMNS)

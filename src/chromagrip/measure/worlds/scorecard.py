@@ -45,7 +45,7 @@ NOTES = (
     "after that change. A controller without a target has 0.30.",
     "pressure: over the width of the contact plus one node pitch. energy: ∫(dF/dt)² of the "
     "command. chatter: Σ|ΔF| per second over the last 0.5 s. All three are means over the runs.",
-    "worst: each score of the worst run of any scene.",
+    "worst: each score of the worst run of any scene; gross counts all runs.",
 )
 
 
