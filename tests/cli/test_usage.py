@@ -290,7 +290,7 @@ def test_a_module_of_the_working_folder_is_named_as_it_is_given(
 
 PI = """from chromagrip.control import GripCommand
 class PI:
-    def __init__(self, gain=1.0, desired_margin=1.5):
+    def __init__(self, gain=1.0, desired_margin=0.3):
         pass
     def reset(self):
         pass
@@ -303,7 +303,7 @@ class PI:
     ("line", "words"),
     [
         ("--arg gian=2", "has no argument gian (did you mean gain?); it has gain, desired_margin"),
-        ("", "desired_margin = 1.5: expected 0 or more and below 1"),
+        ("--arg desired_margin=1.5", "desired_margin = 1.5: expected 0 or more and below 1"),
     ],
 )
 def test_an_argument_of_ones_own_controller_is_checked(
