@@ -96,7 +96,7 @@ def test_arguments_of_a_controller_are_kept_in_the_scene(tmp_path: Path) -> None
 
 def test_arguments_that_a_controller_does_not_take_are_refused() -> None:
     changes = QUICK | {"controller": "plugin:Scaled", "controller_arguments.speed": 3}
-    with pytest.raises(UserError, match=r"cannot be made with speed: TypeError: .*'speed'"):
+    with pytest.raises(UserError, match="has no argument speed"):
         run(load_scene("camera-100hz", changes))
 
 
