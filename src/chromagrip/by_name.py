@@ -291,7 +291,9 @@ def import_named(kind: str, name: str, target: str = "") -> Any:
         raise UserError(
             f"{who}: there is no module {missing} in the working folder or the installation"
         )
-    question = meant(first, [word for word in dir(found) if not word.startswith("_")])
+    there = [word for word in dir(found) if not word.startswith("_")]
+    alike = [word for word in there if word.lower() == first.lower()]
+    question = f" (did you mean {alike[0]}?)" if alike else meant(first, there)
     raise UserError(f"{who}: module {module} has no {first}{question}")
 
 

@@ -288,7 +288,7 @@ def _notice(*, few: bool) -> str | None:
         return None
     notice = "compiling its kernels, once; this takes about a minute"
     if others:
-        notice = "compiling kernels that no command has used before; this takes some seconds"
+        notice = "compiling kernels that no command has used before; this takes up to a minute"
     away = [home for folder, home in _homes.items() if home and folder not in home.parents]
     if away and not chosen:
         notice += f" (they are kept in {away[0].parent}, because {package} cannot be written)"

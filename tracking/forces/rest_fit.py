@@ -277,10 +277,10 @@ def _check_match(
     allowed, share = settings.apart * markers.pitch * scale, 100 * settings.share
     if match.share < settings.share or match.found < settings.found or match.error > allowed:
         raise UserError(
-            f"the markers at rest lie {match.error:.1f} px RMS from the places of the calibrated "
-            f"sensor, {100 * match.share:.0f} % of them at such places, however its camera is "
-            f"turned and shifted; allowed: {allowed:.1f} px and {share:.0f} %. Is it "
-            "another sensor?"
+            f"{100 * match.share:.0f} % of the markers at rest lie at places of the calibrated "
+            f"sensor, however its camera is turned and shifted, {match.error:.1f} px RMS from "
+            f"them; wanted: at least {share:.0f} % and at most {allowed:.1f} px. Is it another "
+            "sensor? Or is the picture not of one at rest?"
         )
 
 

@@ -125,7 +125,10 @@ OTHER_NAMES = {
     "rate": "--fps",
     "repeats": "--seeds",
     "sequences": "--n",
+    "test": "--shares",
     "threads": "--workers",
+    "train": "--shares",
+    "within": "--tolerance",
     "jobs": "--workers",
 }
 #: Placeholders of words without an option by options for which they are taken.
@@ -486,6 +489,8 @@ def _other_name(flag: str, flags: list[str]) -> str:
     word = flag.lstrip("-")
     options = [OTHER_NAMES.get(word), *(each for each in flags if word in each.split("-"))]
     option = next((each for each in options if each in flags), None)
+    if word in ("target", "margin") and "--controller" in flags:
+        option = "--set margin_inversion.desired_margin, or --arg desired_margin of your controller"
     return f" (did you mean {option}?)" if option else ""
 
 

@@ -324,6 +324,7 @@ def plan(
         print(
             f"error of Γ: RMS, the median of the {ALIKE} measured situations most like this scene; "
             f"at most: {SAFETY:g} times the largest of them.\n"
+            "Times are those of the machine on which they were measured.\n"
             "--tolerance gives the cheapest choice whose `at most` keeps within it, as a command."
         )
         return 0

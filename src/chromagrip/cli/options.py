@@ -25,7 +25,7 @@ from rich.progress import (
 from rich.status import Status
 from rich.table import Table
 
-from ..errors import UserError
+from ..errors import UserError, meant
 from ..folders import make_folder
 from ..strict_toml import Values
 
@@ -203,14 +203,15 @@ def changes_of(
 def refuse_arguments(flag: str, keys: Iterable[str], controllers: Iterable[str | None]) -> None:
     """Refuse an argument of a controller of one's own where a key of a scene is wanted."""
     from ..scene.scene import Scene
+    from ..strict_toml import all_keys
 
     if not any(":" in name for name in controllers if name):
         return
     for key in keys:
         if "." not in key and key not in Scene.__struct_fields__:
             raise UserError(
-                f"{flag} {key}: a scene has no such key; for an argument of your controller give "
-                f"--arg {key}=VALUE"
+                f"{flag} {key}: a scene has no such key{meant(key, all_keys(Scene))}; for an "
+                f"argument of your controller give --arg {key}=VALUE" + ",…" * (flag == "--vary")
             )
 
 

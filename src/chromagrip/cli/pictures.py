@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 import tyro
@@ -41,11 +41,12 @@ from .options import (
 from .readouts import prepare
 
 if TYPE_CHECKING:  # OpenCV loads only when something is detected
-    from ..dataset.read import Loaded
     from ..pictures.estimate import EstimateSummary
+    from ..pictures.figure import Truth
     from ..pictures.find_sensor import Assumed, Within
     from ..pictures.marker_list import Picture
     from ..pictures.track import TrackSummary
+    from ..scene.scene import Scene
 
 #: Defaults of `chromagrip.tracking`, which is not imported before it is used.
 _PALETTE = "auto"
@@ -302,17 +303,17 @@ def estimate(
     from ..tracking import AUTOMATIC, load_calibration
 
     known = load_calibration(calibration)
-    sequence = _sequence_of(source)
-    if sequence is not None:
-        shown = sequence.scene.sensor
+    origin = _sequence_of(source) or _rendered(source)
+    if origin is not None:
+        shown = origin.scene.sensor
         if known.name != shown and {known.name, shown} <= set(sensor_names()):
             raise UserError(
                 f"calibration {known.name} is of another sensor than {source}, whose scene.toml "
                 f"names {shown}"
             )
-        fps = sequence.scene.camera.rate_hz if fps is None else fps
+        fps = origin.scene.camera.rate_hz if fps is None and origin.timed else fps
         if reconstructor == _RECONSTRUCTOR and not known.sensor.shape.flat:
-            reconstructor = AUTOMATIC[sequence.scene.body]
+            reconstructor = AUTOMATIC[origin.scene.body]
     if not known.sensor.shape.flat:
         prepare(known, reconstructor)
     with _frames("estimating") as (tell, progress):
@@ -330,7 +331,7 @@ def estimate(
             out=out,
             overwrite=overwrite,
             max_megapixels=max_megapixels,
-            truth=None if sequence is None else sequence.frames,
+            truth=None if origin is None else origin.truth,
             tell=tell,
             progress=progress,
         )
@@ -345,15 +346,39 @@ def estimate(
     return 0
 
 
-def _sequence_of(source: str) -> "Loaded | None":
-    """The sequence of a dataset whose pictures these are, else None."""
+class _Origin(NamedTuple):
+    """What is known of our own pictures: the scene, true values, and whether they are in time."""
+
+    scene: "Scene"
+    truth: "Truth"
+    timed: bool
+
+
+def _rendered(source: str) -> _Origin | None:
+    """Scene and truth of a folder of `chromagrip render`, else None."""
+    folder = Path(source)
+    if not all((folder / name).is_file() for name in ("poses.json", "scene.toml")):
+        return None
+    from ..loop.poses.folder import true_values
+    from ..scene import load_scene
+
+    try:
+        return _Origin(load_scene(str(folder / "scene.toml")), true_values(folder), False)
+    except UserError as error:
+        print(f"chromagrip: true values are not shown: {error}", file=sys.stderr)
+        return None
+
+
+def _sequence_of(source: str) -> _Origin | None:
+    """Scene and truth of a sequence of a dataset whose pictures these are, else None."""
     folder = Path(source)
     if not all((folder / name).is_file() for name in ("files.json", "scene.toml")):
         return None
     from ..dataset.read import load_sequence
 
     try:
-        return load_sequence(folder)
+        found = load_sequence(folder)
+        return _Origin(found.scene, found.frames, True)
     except UserError as error:
         print(f"chromagrip: true values are not shown: {error}", file=sys.stderr)
         return None
@@ -398,14 +423,14 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
             table.add_row("", f"{kept}; RMS error {true['rms_error']:z.3f}{unit}{share}")
     if "mu" in summary["estimates"]:
         observable = summary["mu_observable_frames"]
-        hint = "" if observable else ": nothing slips, µ and Γ are guesses"
+        hint = "" if observable else ": the markers show no slip, so that µ and Γ are guesses"
         plural = "" if observable == 1 else "s"
         table.add_row("", "in brackets: 90 % intervals")
         table.add_row("", f"µ observable in {observable} frame{plural}{hint}")
     share = f", {silent / frames:.1%} of the frames" if frames else ""
-    table.add_row("without estimate", f"{silent}{share}")
+    table.add_row("without estimate", f"{silent} of {frames}{share if silent else ''}")
     for reason, count in summary["without_estimate_because"].items():
-        table.add_row("", f"{count} times: {reason}")
+        table.add_row("", f"{count}: {reason}")
     if frames:
         table.add_row(
             "speed",

@@ -16,7 +16,7 @@ Number = Callable[..., str]
 
 def print_summary(result: "Result", name: str) -> None:
     """Print the results of a run of a scene with that name."""
-    from ..loop.results.expected_error import expected_words, lost_object
+    from ..loop.results.expected_error import expected_words
     from ..loop.trace import reading_words
 
     summary, table = result.summary, value_table()
@@ -33,7 +33,7 @@ def print_summary(result: "Result", name: str) -> None:
     for name, words in rows[summary["mechanics"]](result.scene, summary, number):
         table.add_row(name, words)
     if (expected := summary.get("margin_error_expected")) is not None:
-        table.add_row("error to expect", expected_words(expected, lost_object(summary)))
+        table.add_row("error to expect", expected_words(expected, summary))
     table.add_row("speed", f"{number('frames_per_second', 1)} frames/s")
     if summary.get("reading_ms") is not None:
         table.add_row("time to read a frame", reading_words(summary))
@@ -103,8 +103,8 @@ def _rows_of_two(scene: "Scene", summary: "Summary", number: Number) -> Iterator
     stands = "" if summary["lifted"] else ", on the table at the end"
     if summary["outcome"] == "dropped":
         stands = f" at {summary['duration_s']:.2f} s, where the run ends"
-    if not summary["left_table"]:
-        stands += "; it never left the table"
+        if not summary["left_table"]:
+            stands = f": it slipped out of the grip before it left the table{stands}"
     yield "the object", f"{mass:g} g{filled}: {summary['outcome']}{stands}"
     yield (
         "smaller margin at the end",

@@ -262,7 +262,7 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
         best = min(every, key=lambda one: one.error)
         raise UserError(
             f"no fidelity is known to keep Γ within {tolerance:g} here; the best, "
-            f"{best.fidelity.name}, errs by {best.error:.3f}: give a tolerance of "
+            f"{best.fidelity.name}, errs by up to {best.error:.3f}: give a tolerance of "
             f"{ceil(1000 * best.error) / 1000:g} or more"
         )
     return Choice(
@@ -310,10 +310,10 @@ def _distance(m: Measured, scene: Scene) -> float:
 def _lines(chosen: Expected, every: Sequence[Expected], tolerance: float) -> Iterator[str]:
     """Give reasons: the choice, and time and error of every other fidelity."""
     name, spent = chosen.fidelity.name, chosen.milliseconds
-    yield f"{name}: {spent:.2g} ms a frame, Γ to {chosen.error:.3f} of {tolerance:g}"
+    yield f"{name}: {spent:.2g} ms a frame, an error of Γ of at most {chosen.error:.3f}"
     for one in every:
         name, spent = one.fidelity.name, one.milliseconds
         if one.error > tolerance:
-            yield f"not {name}: {spent:.2g} ms, but Γ to {one.error:.3f} only"
+            yield f"not {name}: {spent:.2g} ms, but an error of up to {one.error:.3f}"
         elif one != chosen:
-            yield f"not {name}: keeps Γ to {one.error:.3f}, but takes {spent:.2g} ms"
+            yield f"not {name}: up to {one.error:.3f}, but slower: {spent:.2g} ms"

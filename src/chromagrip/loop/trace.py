@@ -185,7 +185,7 @@ def reading_words(summary: Summary) -> str:
     return (
         f"{reading['median']:.1f} ms in the median, {reading['p99']:.1f} ms in 99 %, "
         f"{reading['worst']:.1f} ms at worst; in {summary['late_frames']} of {summary['frames']} "
-        "frames longer than the frame lasts"
+        "frames longer than the frame lasts, which a simulated loop waits for"
     )
 
 

@@ -76,7 +76,8 @@ def open_source(
 ) -> Source:
     """Source of that name; `fps` [Hz] sets the rate of pictures, and overrides a video's own.
 
-    A picture `without` is no frame of the folder that it lies in. Larger pictures than
+    A picture `without` is no frame of the folder that it lies in, nor is one that is called rest
+    beside others. Larger pictures than
     `max_megapixels` are refused before they are decoded.
 
     Raises
@@ -110,6 +111,7 @@ def open_source(
         if not files:
             raise UserError(f"folder {name} has no pictures; expected {', '.join(SUFFIXES)} files")
         left = [p for p in files if without is None or not p.samefile(without)]
+        left = [p for p in left if p.stem.lower() != "rest"] or left
         if not left:
             raise UserError(f"folder {name} has no pictures but {without}")
         return _pictures(name, sorted(left, key=_natural), fps, max_megapixels)

@@ -1,6 +1,7 @@
 """`chromagrip render`: pictures of poses with their ground truth, in a folder of files."""
 
 import json
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -114,6 +115,26 @@ def render_poses(
         except OSError as error:
             raise UserError(f"folder {out} cannot be written: {error.strerror}") from None
     return report
+
+
+def true_values(folder: Path) -> dict[str, NDArray[np.float64]]:
+    """True values of the pictures of such a folder by their column of estimates; NaN if unknown.
+
+    Raises
+    ------
+    UserError
+        For a damaged poses.json.
+    """
+    try:
+        poses = json.loads((folder / "poses.json").read_text(encoding="utf-8"))["poses"]
+        return {
+            name: np.array(
+                [math.nan if pose.get(name) is None else float(pose[name]) for pose in poses]
+            )
+            for name in ("normal_n", "friction_n", "mu", "margin")
+        }
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise UserError(f"{folder / 'poses.json'} is damaged: {error}") from None
 
 
 def _shots(scene: Scene, settled: list[Settled], out: Path | None) -> Iterator[Shot]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from statistics import median
-from typing import TypedDict
+from typing import Any, TypedDict
 
 from ...output.cells import read_cells
 from ...scene.scene import Body, Scene
@@ -80,20 +80,15 @@ def expected_error(scene: Scene, reconstructor: str) -> ExpectedError:
     }
 
 
-def expected_words(expected: ExpectedError, lost: bool) -> str:
-    """Describe it in words, with the reason.
-
-    Parameters
-    ----------
-    lost: whether this run lost its object, which the measured runs did not
-    """
+def expected_words(expected: ExpectedError, summary: Mapping[str, Any]) -> str:
+    """Describe it in words, with the reason, and with what is unlike in a run of that summary."""
     if expected["typical"] is None:
         return "not measured for this sensor and reader"
     words = (
         f"{expected['typical']:.3f} RMS in the median and {expected['worst']:.3f} at worst of "
         f"{expected['situations']} runs of margin-inversion measured at {expected['rate_hz']:g} Hz"
     )
-    if lost:
+    if summary.get("gross_slip") or summary.get("outcome") == "dropped":
         return f"{words} that held their object, which this one did not"
     noise, allowed = expected["noise_allows"], expected["picture_allows"]
     if noise is None or allowed is None:
@@ -102,9 +97,19 @@ def expected_words(expected: ExpectedError, lost: bool) -> str:
     if allowed > noise:
         unlike = math.sqrt(allowed**2 - noise**2)
         why += f", and contacts unlike those that the reader fits {unlike:.3f}"
-    return f"{words}. Why: in one picture alone {why}; a run averages over its pictures"
+    words += f". Why: in one picture alone {why}; a run averages over its pictures"
+    return words + _larger(expected["worst"] or 0.0, summary)
 
 
-def lost_object(summary: Mapping[str, object]) -> bool:
-    """Whether a run lost its object, from its summary."""
-    return bool(summary.get("gross_slip")) or summary.get("outcome") in ("dropped", "never lifted")
+def _larger(worst: float, summary: Mapping[str, Any]) -> str:
+    """Why the error of a run is larger than that of every measured one; empty if it is not."""
+    error, true, read = map(summary.get, ("margin_rmse", "final_mu_true", "final_mu_estimated"))
+    if error is None or not error > worst:
+        return ""
+    words = f". This run's is {error:.3f}"
+    if true is None or read is None or abs(read - true) < 0.05 * true:
+        return words
+    return (
+        f"{words}: µ was read as {read:.2f}, but is {true:.2f}; pictures show it only once the "
+        "contact is near slip"
+    )

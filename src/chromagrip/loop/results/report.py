@@ -9,7 +9,7 @@ from ...output.run_page import RunOnPage, write_run_page
 from ...scene.scene import PathName, Scene
 from ..columns import prefixes
 from ..trace import Summary, ceiling_words, may_slide, reading_words, word_for_read
-from .expected_error import expected_words, lost_object
+from .expected_error import expected_words
 from .panels import Columns, panels_of
 from .run_folder import RunRead
 from .tactile_video import SLOWDOWN
@@ -60,7 +60,7 @@ def _words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
         yield f"The run ended early, at {summary['duration_s']:.2f} s of {scene.duration_s:g} s."
     yield from {1: _one_words, 2: _two_words}[scene.fingers](scene, summary, of)
     if (expected := summary.get("margin_error_expected")) is not None:
-        words = expected_words(expected, lost_object(summary))
+        words = expected_words(expected, summary)
         yield f"Error of Γ to expect of this sensor and reader: {words}."
         if summary.get("reconstructor") == "contact":
             yield (
@@ -129,7 +129,7 @@ def _two_words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
     if summary["outcome"] == "dropped":
         yield f"It was dropped at {summary['duration_s']:.2f} s, where the run ends."
         if summary.get("left_table") is False:
-            yield "It never left the table."
+            yield "It slipped out of the grip before it left the table."
     elif not summary["lifted"]:
         yield "The table still carried a part of the weight at the end."
     if (words := ceiling_words(scene, summary)) is not None:
