@@ -96,9 +96,11 @@ def legend_text(truth: bool) -> str:
     return f'<div style="font-size:0.8em;line-height:1.6;padding:0.4em 0.8em">{inner}</div>'
 
 
-def line_of_speed(seconds: float, updates: float, speed: float) -> str:
-    """Time and updates per second, with a notice if the machine is behind."""
+def line_of_speed(seconds: float, updates: float, speed: float, late: int = 0) -> str:
+    """Time and updates per second, with a notice if the machine is behind, or frames were late."""
     line = f"**t = {seconds:.2f} s**, {updates:.0f} updates/s"
+    if late:
+        line += f", {late} frame{'s' * (late > 1)} read late"
     behind = f": this machine is behind, at {speed:.2f} × real time"
     slow = 0.98  # speed below which the page says that the machine is too slow
     return line + (behind if speed < slow else "")

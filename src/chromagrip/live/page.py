@@ -120,7 +120,7 @@ class Page:
         """State of the grasp in Markdown."""
         sample = shown.sample
         lines = [
-            line_of_speed(sample.time, shown.updates, shown.speed),
+            line_of_speed(sample.time, shown.updates, shown.speed, shown.late),
             line_of_truth(sample),
             line_of_estimate(sample.observation),
         ]

@@ -29,12 +29,14 @@ class Shown:
     scene: scene of the grasp, with the changes of the sliders
     updates: frames computed per second [Hz]
     speed: speed of the grasp over real time
+    late: frames of the grasp so far whose reading took longer than they last
     """
 
     sample: Sample
     scene: Scene
     updates: float
     speed: float
+    late: int
 
 
 @dataclass
@@ -117,6 +119,7 @@ class Session(Background):
             controller.start(first)
             self.tell("")
             ends: deque[float] = deque([time.perf_counter()])
+            late = 0
             while not (self._stop.is_set() or rig.done):
                 now, again = self._sliders, self._restart
                 if again or now.restarts != sliders.restarts:
@@ -142,8 +145,10 @@ class Session(Background):
                 self._pace(ends, scene.period)
                 span = max(ends[-1] - ends[0], 1e-9)
                 rate = (len(ends) - 1) / span if len(ends) > 1 else 0.0
+                late += sum(one.seconds for one in sample.readings) > scene.period
+                speed = rate * scene.period
                 self.show(
-                    Shown(sample=sample, scene=rig.scene, updates=rate, speed=rate * scene.period)
+                    Shown(sample=sample, scene=rig.scene, updates=rate, speed=speed, late=late)
                 )
 
     def _waits(self) -> bool:

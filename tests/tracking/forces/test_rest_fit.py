@@ -286,7 +286,7 @@ def test_bounds_of_the_pose_and_of_the_match_are_settings() -> None:
     rest = projected(SENSOR, CameraPose())
     assert rest_pose(SENSOR, rest).error < 2.0
     # The last pose is not taken for that of other settings.
-    with pytest.raises(UserError, match=r"allowed: 0\.\d px and 97 %"):
+    with pytest.raises(UserError, match=r"at least 97 % and at most 0\.\d px"):
         rest_pose(SENSOR, rest, PoseSettings(apart=0.01))
 
 
