@@ -238,11 +238,12 @@ class ContactReading:
             solution = None
         if memory.work is None:
             self._begin(held.solution if solution is None else solution, stuck=solution is None)
-        if solution is not None:
-            again = self._fit.asked(held.before, solution)
-            if again.telling:
-                self._memory = replace(self._memory, leap=again)
-        return solution is None or self._taken(solution)
+        if solution is None:
+            return True
+        again = self._fit.asked(held.before, solution)
+        if again.telling:
+            self._memory = replace(self._memory, leap=again)
+        return self._taken(again.solution)
 
     def _begin(self, solution: Solution, stuck: bool) -> None:
         """Begin to fit the object of a solution again, if it is doubtful or time to.

@@ -188,7 +188,7 @@ class ContactSettings:
     edge: float = 4.5
     shaped_misfit: float = 0.8
     same: float = 0.5
-    calls_per_s: float = 240.0
+    calls_per_s: float = 360.0
     reach: float = 0.25
     rounds: int = 25
     refit_rounds: int = 8
