@@ -215,7 +215,7 @@ def _write(out: Path, name: str, report: Report, sections: Sequence[PageSection]
         name="figures",
         title="Figures",
         picture=Markup(""),
-        tables=[*report.tables, report.listed(), *report.details],
+        tables=[t for t in (*report.tables, report.listed(), *report.details) if t.lines],
         notes=report.notes,
     )
     write_page(out / "index.html", f"chromagrip {name}", [], [*sections, figures])

@@ -216,24 +216,20 @@ def score_table(rows: Iterable[Row], column: Callable[[Row], str], title: str = 
 
 
 def rows_table(rows: Iterable[Row], title: str = "") -> Table:
-    """Rows as a table: name, value, unit, target, verdict, and notes where there are any."""
+    """Rows as a table: name, value, unit; target, verdict and notes where there are any."""
     rows = list(rows)
-    noted = any(row.note for row in rows)
-    return Table(
-        header=("figure", "value", "unit", "target", "met", "note")[: 6 if noted else 5],
-        lines=tuple(
-            (
-                row.name,
-                number(row.value, ".4g"),
-                row.unit,
-                "" if row.target is None else str(row.target),
-                {None: "", True: "yes", False: "no"}[row.met],
-                row.note,
-            )[: 6 if noted else 5]
-            for row in rows
-        ),
-        title=title,
-    )
+    columns: dict[str, Callable[[Row], str]] = {
+        "figure": lambda row: row.name,
+        "value": lambda row: number(row.value, ".4g"),
+        "unit": lambda row: row.unit,
+    }
+    if any(row.target is not None for row in rows):
+        columns["target"] = lambda row: "" if row.target is None else str(row.target)
+        columns["met"] = lambda row: {None: "", True: "yes", False: "no"}[row.met]
+    if any(row.note for row in rows):
+        columns["note"] = lambda row: row.note
+    lines = tuple(tuple(cell(row) for cell in columns.values()) for row in rows)
+    return Table(header=tuple(columns), lines=lines, title=title)
 
 
 def table_lines(table: Table, width: float = SCREEN_WIDTH) -> Iterator[str]:
