@@ -54,8 +54,9 @@ class TractionPicture:
         at = (np.arange(size) - (size - 1) / 2) / self.pixels
         places = np.stack(np.meshgrid(at, -at), axis=-1).reshape(-1, 2)
         found = mesh.find_simplex(places)
-        self._inside = found >= 0
+        self._inside = np.flatnonzero(found >= 0)
         found, places = found[self._inside], places[self._inside]
+        self._triangle, self._triangles = found, mesh.simplices
         part = np.einsum("nij,nj->ni", mesh.transform[found, :2], places - mesh.transform[found, 2])
         self._weights = np.column_stack([part, 1.0 - part.sum(axis=1)])
         self._corners = mesh.simplices[found]
@@ -65,9 +66,12 @@ class TractionPicture:
         """Draw a contact with a friction coefficient, RGB, (size, size, 3)."""
         pressure = np.where(field.contact, field.normal, 0.0) / self._areas
         self.top = max(self.top, _round_up(float(pressure.max())))
-        share = np.zeros(self._size * self._size)
-        share[self._inside] = (pressure[self._corners] * self._weights).sum(axis=1) / self.top
-        canvas: Image = _colours(share).reshape(self._size, self._size, 3)
+        canvas: Image = np.full((self._size, self._size, 3), 255, np.uint8)
+        # The contact has few of the pixels.
+        pressed = (pressure[self._triangles] != 0.0).any(axis=1)
+        on = np.flatnonzero(pressed[self._triangle])
+        share = (pressure[self._corners[on]] * self._weights[on]).sum(axis=1) / self.top
+        canvas.reshape(-1, 3)[self._inside[on]] = _colours(share)
         middle = (self._size // 2, self._size // 2)
         cv2.circle(canvas, middle, self._outline, OUTLINE, 1, cv2.LINE_AA)
         self._arrows(canvas, field, mu)

@@ -186,6 +186,8 @@ class TactileVideo(VideoFile):
         for _ in range(2):  # once more if the scale of one has grown
             drawn = [picture.draw(each.field, each.mu) for picture, each in shown]
             top = max(picture.top for picture, _ in shown)
+            if all(picture.top == top for picture, _ in shown):
+                break
             for picture, _ in shown:
                 picture.top = top
         columns = []
