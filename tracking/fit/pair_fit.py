@@ -259,9 +259,7 @@ class PairFit:
             state = chosen(explained, work.state, state)
             misfit = np.where(explained, work.misfit, misfit)
         work = self._work(image, PairFits(state, misfit, covariance))
-        neighbours = self.optics.neighbours
-        shaded = (bad[neighbours] & (neighbours >= 0)).any(axis=1)
-        shaded &= misfit > UNEVEN * max(1.0, median(misfit))
+        shaded = misfit > UNEVEN * max(1.0, median(misfit))
         self._step(work, shaded & np.isfinite(misfit), steps)
         return work.fits()
 

@@ -22,11 +22,10 @@ from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from ..silicone_values import ON_CORE
 from .contact_fit import ContactFit
-from .contact_solution import Followed, Held, Solution
+from .contact_solution import Followed, Solution
 from .contact_starts import Rivals, Start, light_presses, other_objects, start_from_rest
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT
 from .contact_way import sums_of
-from .contact_work import Work, advanced, caught_up, others, refit, rival
 from .key_shifts import Key, Shifts
 from .keys import Backoff, far_on, thinned
 from .marker_response import DomeResponse
@@ -54,12 +53,8 @@ class Memory:
     now: contact in the last frame
     covariance: covariance of ln ΣFn, ΣFf, ln µ and the wrench in the last key frame, shape (7, 7)
     refused: shifts of the last frame if no contact explained it
-    odd: whether the last fitted object has no supported shape, or does not explain the markers
-        well; it is still tracked, as that may change
-    leap: last key frame, if the object is to be corrected in the next frame
-    fitted: object of the last fit along the whole way, shape (8,)
-    work: fits that are under way; None if none is
-    time: of the last frame [s]
+    odd: whether the last fitted object has no supported shape; it is still tracked, as it may get
+        one again
     """
 
     rivals: Rivals
@@ -70,10 +65,6 @@ class Memory:
     covariance: Array | None = None
     refused: Shifts | None = None
     odd: bool = False
-    leap: Held | None = None
-    fitted: Array | None = None
-    work: Work | None = None
-    time: float = math.nan
 
 
 class ContactReading:
@@ -135,12 +126,12 @@ class ContactReading:
             When too few pairs are visible, and when no contact explains them.
         """
         shifts = self._read(tracks)
-        nothing = shifts.cost(shifts.seen)
+        nothing = shifts.cost(np.zeros((len(shifts.used), 6)))
         if nothing < self._settings.untouched:
             self.reset()
             return untouched_field(self.dome, self._hidden(shifts) ** 2)
-        again, calls = self._is_refused(shifts), self._calls(tracks.time)
-        if again or not (self._followed(shifts, calls) or self._found(shifts)):
+        again = self._is_refused(shifts)
+        if again or not (self._followed(shifts) or self._found(shifts)):
             refused = self._memory.refused if again else shifts
             self.reset()
             self._memory = replace(self._memory, refused=refused)
@@ -181,25 +172,9 @@ class ContactReading:
             return False
         return nothing - solution.misfit * shifts.count < self._settings.explained
 
-    def _calls(self, time: float) -> int:
-        """Solver calls that a frame may spend on fits, by the time since the one before [s]."""
-        since = time - self._memory.time
-        self._memory = replace(self._memory, time=time)
-        usual = 1.0 / 60.0  # where frames have no times
-        rate = self._settings.calls_per_s
-        return max(1, round(rate * (since if math.isfinite(since) and since > 0.0 else usual)))
-
-    def _followed(self, shifts: Shifts, calls: int) -> bool:
-        """Follow the contact of the previous frame; correct its object where that tells more.
-
-        Parameters
-        ----------
-        calls: solver calls that this frame may spend on fits of the object
-        """
-        settings, leaps = self._settings, self._memory.leap is not None
-        if leaps and not self._leapt():
-            return False
-        memory = self._memory
+    def _followed(self, shifts: Shifts) -> bool:
+        """Follow the contact of the previous frame; refit the object if it has moved far enough."""
+        settings, memory = self._settings, self._memory
         if memory.last is None or memory.now is None:
             return False
         last = memory.last
@@ -207,138 +182,60 @@ class ContactReading:
             now, misfit = self._fit.follow(last.object_, memory.now, shifts)
         except UserError:
             return False
-        explained = misfit < memory.doubtful or memory.work is not None
-        if explained and not far_on(self.dome, last.keys, now.pose, settings.keys):
+        if misfit < memory.doubtful and not far_on(self.dome, last.keys, now.pose, settings.keys):
             self._memory = replace(memory, now=now)
-            return leaps or self._worked(shifts, calls)
+            return True
         keys = thinned(self.dome, (*last.keys, Key(shifts=shifts, pose=now.pose)), settings.keys)
+        start = last.object_, keys
         try:
-            held = self._fit.hold(last, keys, now)
+            kept, telling = self._fit.hold(last, keys, now)
         except UserError:
-            solution = self._better(None, (last.object_, keys), settings.refit_rounds)
-            self._memory = replace(memory, work=None)
-            return solution is not None and self._taken(solution)
-        if memory.work is not None:
-            work = replace(memory.work, since=(*memory.work.since, shifts))
-            memory = replace(memory, work=work)
-        doubtful = held.solution.misfit > memory.doubtful
-        self._memory = replace(memory, leap=held if held.telling or doubtful else None)
-        if self._memory.leap is None and memory.work is None:
-            self._begin(held.solution, stuck=False)
-        return self._taken(held.solution)
+            return self._taken(self._better(None, start, settings.refit_rounds), start)
+        solution, doubtful, refits = kept, kept.misfit > memory.doubtful, memory.refits
+        if not doubtful and telling:
+            refits = refits.next_chance()
+        if doubtful or (telling and refits.due):
+            solution = self._refitted(kept)
+            refits = refits.tried(better=solution is not kept)
+        rivals, rival = memory.rivals.next(self.dome, solution)
+        if rival is not None:
+            before, solution = solution, self._rival(solution, rival)
+            rivals = rivals.tried(better=solution.cost < before.cost - settings.rival_gain)
+        self._memory = replace(memory, refits=refits, rivals=rivals)
+        return self._taken(solution, start)
 
-    def _leapt(self) -> bool:
-        """Correct the object in the frame after a key frame, so that none takes too long."""
-        held, memory = self._memory.leap, self._memory
-        assert held is not None
-        self._memory = replace(memory, leap=None)
+    def _refitted(self, held: Solution) -> Solution:
+        """Refit the object to the key frames of a solution; return the latter if none is better."""
+        doubtful = held.misfit > self._memory.doubtful
         try:
-            solution = self._fit.leap(held)
+            solution = self._fit.along_chord(held, doubtful)
         except UserError:
             solution = None
-        if memory.work is None:
-            self._begin(held.solution if solution is None else solution, stuck=solution is None)
-        if solution is None:
-            return True
-        again = self._fit.asked(held.before, solution)
-        if again.telling:
-            self._memory = replace(self._memory, leap=again)
-        return self._taken(again.solution)
-
-    def _begin(self, solution: Solution, stuck: bool) -> None:
-        """Begin to fit the object of a solution again, if it is doubtful or time to.
-
-        Parameters
-        ----------
-        stuck: whether the object should change, and no leap helped
-        """
-        memory, settings = self._memory, self._settings
-        doubtful, refits, work = solution.misfit > memory.doubtful, memory.refits, None
-        away = self._fit.away(memory.fitted, solution.object_) > settings.reach
-        if stuck or away:
-            refits = refits.next_chance()
-        rivals, start = memory.rivals.next(self.dome, solution)
-        if doubtful or ((stuck or away) and refits.due):
-            work, rivals = refit(self._fit, solution, memory.doubtful, settings), memory.rivals
-        elif start is not None:
-            work = rival(self._fit, solution, start, memory.doubtful, settings)
-        self._memory = replace(memory, refits=refits, rivals=rivals, work=work)
-
-    def _worked(self, shifts: Shifts, calls: int) -> bool:
-        """Go on with fits; take their solution when it has caught up with this frame.
-
-        False if they are over, and nothing explains the contact.
-        """
-        memory, fit = self._memory, self._fit
-        work, now = memory.work, None
-        if work is None:
-            return True
-        if work.fitting is not None:
-            work = advanced(fit, work, calls, self._settings)
-            self._memory = replace(memory, work=work)
-            return True
-        try:
-            if work.best is not None and (work.since or work.leap is not None):
-                self._memory = replace(memory, work=caught_up(fit, work, self._settings))
-                return True
-            if work.best is not None:
-                now, _ = fit.follow(work.best.object_, fit.last_of(work.best), shifts)
-        except UserError:
-            work = replace(work, best=None)
-        return self._concluded(work, now)
-
-    def _concluded(self, work: Work, now: Followed | None) -> bool:
-        """Take the solution of fits that are over, if it is better; False if none is any good."""
-        memory, best, settings = self._memory, work.best, self._settings
-        last = memory.last
-        assert last is not None
-        if work.rival:
-            best = best if best is not None and best.misfit < last.misfit else None
-            gained = best is not None and best.cost < last.cost - settings.rival_gain
-            memory = replace(memory, rivals=memory.rivals.tried(gained))
-        else:
-            memory = replace(memory, refits=memory.refits.tried(best is not None))
-        self._memory = replace(memory, work=None)
-        if best is None:
-            return self._taken(last, memory.now)
-        self._memory = replace(self._memory, leap=None, fitted=best.object_)
-        return self._taken(best, now)
+        if solution is None or solution.misfit > self._memory.doubtful:
+            start, rival_of = (held.object_, held.keys), None if doubtful else held
+            solution = self._better(solution, start, self._settings.refit_rounds, rival_of)
+        return held if solution is None or solution.cost > held.cost else solution
 
     def _found(self, shifts: Shifts) -> bool:
         """Find the contact of a frame from rest."""
-        settings, self._memory = self._settings, replace(self._memory, work=None)
-        start = start_from_rest(self._fit, self._presses, shifts, settings.starts)
-        solution = self._better(None, start, settings.rounds)
-        if solution is None:
+        start = start_from_rest(self._fit, self._presses, shifts, self._settings.starts)
+        return self._taken(self._better(None, start, self._settings.rounds), start)
+
+    def _taken(self, solution: Solution | None, start: Start) -> bool:
+        """Accept a solution, or one from another object if it is doubtful; False if none fits."""
+        settings = self._settings
+        if solution is None or solution.misfit > self._memory.doubtful:
             for other in other_objects(self.dome, *start, settings.starts):
                 solution = self._better(solution, other, settings.rounds)
-        if solution is None:
+        if solution is None or solution.misfit > settings.misfit:
             return False
-        memory = replace(self._memory, fitted=solution.object_)
-        if solution.misfit > memory.doubtful:
-            memory = replace(memory, work=others(self._fit, solution, memory.doubtful, settings))
-        self._memory = memory
-        return self._taken(solution)
-
-    def _taken(self, solution: Solution, now: Followed | None = None) -> bool:
-        """Take a solution; False if it does not fit, and nothing better is being worked on.
-
-        Parameters
-        ----------
-        now: contact in this frame; by default that of the solution's last key frame
-        """
-        settings, memory = self._settings, self._memory
-        if memory.work is None:
-            if solution.misfit > settings.misfit:
-                return False
-            doubtful = max(settings.doubtful, settings.worse * solution.misfit)
-            memory = replace(memory, doubtful=doubtful)
         self._memory = replace(
-            memory,
+            self._memory,
             last=solution,
-            now=self._fit.last_of(solution) if now is None else now,
+            now=self._fit.last_of(solution),
             covariance=self._spread(solution),
-            odd=self._unlike(solution) or solution.misfit > settings.misfit,
+            doubtful=max(settings.doubtful, settings.worse * solution.misfit),
+            odd=self._unlike(solution),
         )
         return True
 
@@ -355,13 +252,27 @@ class ContactReading:
         shaped = mean - half < settings.hollow - doubt or mean + half > settings.edge + doubt
         return shaped and solution.misfit > settings.shaped_misfit
 
-    def _better(self, solution: Solution | None, start: Start, rounds: int) -> Solution | None:
-        """Fit from another start at once; return the better of both solutions."""
+    def _better(
+        self,
+        solution: Solution | None,
+        start: Start,
+        rounds: int,
+        rival_of: Solution | None = None,
+    ) -> Solution | None:
+        """Fit from another start; return the better of both solutions."""
         try:
-            other = self._fit.fit_keys(*start, rounds)
+            other = self._fit.fit_keys(*start, rounds, rival_of)
         except UserError:
             return solution
         return other if solution is None or other.misfit < solution.misfit else solution
+
+    def _rival(self, solution: Solution, start: Start) -> Solution:
+        """Fit from the next rival if one is due; return the better of both solutions."""
+        try:
+            other = self._fit.fit_keys(*start, self._settings.rival_rounds, rival_of=solution)
+        except UserError:
+            return solution
+        return other if other.misfit < solution.misfit else solution
 
     def _read(self, tracks: Tracks) -> Shifts:
         """Shifts of a frame, with their whitening matrices."""

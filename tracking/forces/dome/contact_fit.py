@@ -1,7 +1,7 @@
 """Least-squares fit of an object and its poses to the shifts of the markers.
 
 The object and the poses of a few key frames are fitted together, over the whole path from rest
-(`Fitting`). Between key frames the object is fixed and only the pose is fitted (`follow`).
+(`fit_keys`). Between key frames the object is fixed and only the pose is fitted (`follow`).
 """
 
 import math
@@ -15,7 +15,7 @@ from ....errors import UserError
 from ....model import Dome
 from ....model.dome import PosedContact
 from .contact_cost import ContactCost
-from .contact_solution import Followed, Held, Solution, tells_more
+from .contact_solution import Followed, Solution, tells_more
 from .contact_state import (
     MOVING,
     OBJECT,
@@ -26,7 +26,6 @@ from .contact_state import (
     units_of,
 )
 from .contact_way import Changes, ContactWay
-from .fitting import Fitting, Slopes
 from .key_shifts import Explained, Key, Shifts
 from .marker_response import DomeResponse
 from .settings import ContactFitSettings
@@ -60,154 +59,62 @@ class ContactFit:
         self._longest = longest_of(dome)
         self._cost = ContactCost(dome, settings)
 
-    def begun(
+    def fit_keys(
         self, object_: Array, keys: tuple[Key, ...], rounds: int, rival_of: Solution | None = None
-    ) -> Fitting:
-        """Begin to fit object and poses to key frames, starting from given ones.
+    ) -> Solution:
+        """Fit object and poses to key frames, starting from given ones.
 
         Parameters
         ----------
         rival_of: solution to beat; the fit ends early if that is unlikely
-        """
-        model = self._settings.model
-        object_ = limited_object(self.dome, object_, model)
-        poses = limited_pose(self.dome, np.stack([key.pose for key in keys]), model)
-        return Fitting(
-            shifts=tuple(key.shifts for key in keys),
-            object_=object_,
-            poses=poses,
-            tried=(object_, poses),
-            rounds=rounds,
-            known=math.inf if rival_of is None else rival_of.cost,
-        )
-
-    def advanced(self, fitting: Fitting) -> Fitting:
-        """Simulate the next key frame of a fit, or its derivatives.
 
         Raises
         ------
         UserError
             When the contact does not converge.
         """
-        return self._told(fitting) if fitting.telling else self._simulated(fitting)
-
-    def solution_of(self, fitting: Fitting) -> Solution:
-        """Solution of a fit that has ended."""
-        slopes = fitting.slopes
-        assert slopes is not None
-        return self._solution(
-            fitting.object_,
-            fitting.poses,
-            list(slopes.explained),
-            fitting.contacts[-1],
-            slopes.changes,
-        )
-
-    def fit_keys(
-        self, object_: Array, keys: tuple[Key, ...], rounds: int, rival_of: Solution | None = None
-    ) -> Solution:
-        """Fit object and poses to key frames at once, see `begun`.
-
-        Raises
-        ------
-        UserError
-            When the contact does not converge.
-        """
-        fitting = self.begun(object_, keys, rounds, rival_of)
-        while not fitting.done:
-            fitting = self.advanced(fitting)
-        return self.solution_of(fitting)
-
-    def _simulated(self, fitting: Fitting) -> Fitting:
-        """Simulate the next key frame of the tried unknowns."""
-        (object_, poses), k = fitting.tried, len(fitting.reached)
-        contact = fitting.reached[-1] if k else self._way.untouched(object_)
-        before = poses[k - 1] if k else np.zeros(MOVING)
-        near = fitting.contacts[k] if fitting.contacts else None
-        try:
-            contact = self._way.step(contact, object_, before, poses[k], near)
-        except UserError:
-            if not fitting.contacts:
-                raise
-            return self._next(replace(fitting, damping=max(10.0 * fitting.damping, 1e-2)))
-        reached, seen = (*fitting.reached, contact), (*fitting.seen, self._seen(contact))
-        fitting = replace(fitting, reached=reached, seen=seen)
-        return fitting if len(reached) < len(fitting.shifts) else self._judged(fitting)
-
-    def _judged(self, fitting: Fitting) -> Fitting:
-        """Take the tried unknowns if they are better, or try a shorter step."""
-        after = self._cost.of(_losses(fitting.shifts, fitting.seen), *fitting.tried)
-        damping = fitting.damping
-        if fitting.contacts:
-            if after >= fitting.cost:
-                fitting = replace(fitting, damping=10.0 * damping)
-                too_short = fitting.damping > 1e3
-                return replace(fitting, done=True) if too_short else self._next(fitting)
+        settings = self._settings
+        object_ = limited_object(self.dome, object_, settings.model)
+        poses = limited_pose(self.dome, np.stack([key.pose for key in keys]), settings.model)
+        shifts = [key.shifts for key in keys]
+        damping = 1e-3
+        contacts, seen = self._predicted(object_, poses)
+        explained, slopes, changes = self._explained(object_, poses, shifts, contacts, seen)
+        cost = self._cost.of([each.loss for each in explained], object_, poses)
+        information, gradient = self._cost.normal(explained, object_, poses)
+        known = math.inf if rival_of is None else rival_of.cost
+        for turn in range(rounds):
+            if (
+                turn >= settings.promising_rounds
+                and cost - gradient @ np.linalg.solve(information, gradient) > known
+            ):
+                break
+            damped = information + damping * np.diag(np.diag(information))
+            step = np.asarray(np.linalg.solve(damped, gradient), np.float64)
+            step *= min(1.0, 1.0 / self._length(step))
+            tried = self._moved(object_, poses, step)
+            try:
+                reached, seen = self._predicted(*tried, contacts)
+            except UserError:
+                damping = max(10.0 * damping, 1e-2)
+                continue
+            after = self._cost.of(_losses(shifts, seen), *tried)
+            if after >= cost:
+                damping *= 10.0
+                if damping > 1e3:
+                    break
+                continue
+            gain, cost, (object_, poses) = cost - after, after, tried
             damping = max(0.1 * damping, 1e-6)
-        return replace(
-            fitting,
-            object_=fitting.tried[0],
-            poses=fitting.tried[1],
-            damping=damping,
-            gain=fitting.cost - after,
-            cost=after,
-            contacts=fitting.reached,
-            telling=True,
-            told=(),
-            last=None,
-        )
+            contacts = reached
+            explained, slopes, changes = self._explained(object_, poses, shifts, contacts, seen)
+            information, gradient = self._cost.normal(explained, object_, poses)
+            if gain < settings.least_gain:
+                break
+        return self._solution(object_, poses, explained, contacts[-1], changes, slopes)
 
-    def _told(self, fitting: Fitting) -> Fitting:
-        """Make the derivatives in the next key frame."""
-        object_, poses, k = fitting.object_, fitting.poses, len(fitting.told)
-        before = poses[k - 1] if k else np.zeros(MOVING)
-        contact, changes = self._way.untouched(object_), None
-        if fitting.last is not None:
-            contact, changes = fitting.last
-        contact, after = self._way.step_and_changes(
-            contact, changes, object_, before, poses[k], alike=fitting.contacts[k], solved=True
-        )
-        slopes = self._slopes(after)
-        told = (
-            *fitting.told,
-            Explained(shifts=fitting.shifts[k], predicted=fitting.seen[k], slopes=slopes),
-        )
-        if len(told) < len(fitting.shifts):
-            return replace(fitting, told=told, last=(contact, after))
-        return self._with_slopes(replace(fitting, last=None), told, after)
-
-    def _with_slopes(
-        self, fitting: Fitting, explained: tuple[Explained, ...], changes: Changes
-    ) -> Fitting:
-        """Go on with derivatives at the best unknowns; end if the last round gained little."""
-        information, gradient = self._cost.normal(explained, fitting.object_, fitting.poses)
-        slopes = Slopes(
-            explained=explained,
-            changes=changes,
-            information=information,
-            gradient=gradient,
-        )
-        fitting, done = replace(fitting, slopes=slopes), fitting.gain < self._settings.least_gain
-        return replace(fitting, done=True) if done else self._next(fitting)
-
-    def _next(self, fitting: Fitting) -> Fitting:
-        """Begin the next round, or end."""
-        settings, slopes = self._settings, fitting.slopes
-        assert slopes is not None
-        information, gradient = slopes.information, slopes.gradient
-        done = fitting.turn >= fitting.rounds
-        if not done and fitting.turn >= settings.promising_rounds:
-            promised = fitting.cost - float(gradient @ np.linalg.solve(information, gradient))
-            done = promised > fitting.known
-        if done:
-            return replace(fitting, done=True)
-        damped = information + fitting.damping * np.diag(np.diag(information))
-        step = np.asarray(np.linalg.solve(damped, gradient), np.float64)
-        step *= min(1.0, 1.0 / self._length(step))
-        return fitting.trying(*self._moved(fitting.object_, fitting.poses, step))
-
-    def hold(self, last: Solution, keys: tuple[Key, ...], now: Followed) -> Held:
-        """Add a key frame with the same object.
+    def hold(self, last: Solution, keys: tuple[Key, ...], now: Followed) -> tuple[Solution, bool]:
+        """Add a key frame with the same object; also return whether to refit the object.
 
         Poses, predicted shifts and derivatives of other key frames stay, even after an omitted one:
         the contact that was followed frame by frame knows the path better than key frames do.
@@ -228,62 +135,59 @@ class ContactFit:
             last.contact, last.changes, object_, last.keys[-1].pose, poses[-1], alike=now.contact
         )
         slopes = self._slopes(changes)
-        new = Explained(shifts=keys[-1].shifts, predicted=now.seen, slopes=slopes)
+        new = _explained(keys[-1].shifts, now.seen, slopes)
         explained = [before.get(id(key.shifts), new) for key in keys]
-        solution = self._solution(object_, poses, explained, now.contact, changes)
-        return self.asked(last, solution)
+        solution = self._solution(object_, poses, explained, now.contact, changes, slopes)
+        information, gradient = self._cost.normal(explained, object_, poses)
+        step = np.asarray(np.linalg.solve(information, gradient), np.float64)
+        gain = float(gradient @ step)
+        step = self.units * step[_LAST]
+        tells = tells_more(solution, self.units, gain, step, self._settings)
+        # The step that is not made adds to the uncertainty of the object.
+        covariance = solution.covariance + np.outer(step, step)
+        return replace(solution, covariance=covariance), tells
 
-    def asked(self, before: Solution, solution: Solution) -> Held:
-        """Change of a solution that its key frames ask for; it adds to the uncertainty till then.
+    def along_chord(self, held: Solution, doubtful: bool) -> Solution | None:
+        """Do `fit_keys` near a solution, with the derivatives of that solution.
+
+        None if the object changes too much for these derivatives. The path through key frames alone
+        differs slightly from the one that was followed. If no object along it promises a better
+        fit, the solution is returned unchanged.
 
         Parameters
         ----------
-        before: solution before its last key frame
-        """
-        step = self.units * solution.step[_LAST]
-        telling = tells_more(solution, self.units, step, self._settings)
-        covariance = solution.covariance + np.outer(step, step)
-        solution = replace(solution, covariance=covariance)
-        return Held(before=before, solution=solution, telling=telling)
-
-    def leap(self, what: Held) -> Solution | None:
-        """Change object and poses without going the whole way again; None if that does not help.
-
-        The key frames before the last one change to first order. The contact in the last one is
-        solved again, from that in the key frame before, changed to first order.
+        doubtful: whether the misfit is so large that anything is tried
 
         Raises
         ------
         UserError
             When the contact does not converge.
         """
-        last, held = what.before, what.solution
-        step = held.step * min(1.0, self._settings.longest_leap / self._length(held.step))
-        poses = np.stack([key.pose for key in held.keys])
-        object_, after = self._moved(held.object_, poses, step)
-        # What the limits of object and poses have left of it, in units: (K, 12).
-        own = (object_ - held.object_) / self.units[MOVING:]
-        by = np.column_stack([(after - poses) / self.units[:MOVING], np.tile(own, (len(poses), 1))])
-        start = last.keys[-1].pose
-        if len(poses) > 1 and held.keys[-2].shifts is last.keys[-1].shifts:
-            start = after[-2]
-        first = np.concatenate([start - last.keys[-1].pose, object_ - last.object_]) / self.units
-        before = self._way.along(last.contact, last.changes, first, object_, start)
-        alike = self._way.along(held.contact, held.changes, by[-1], object_, after[-1])
-        contact = self._way.step(before, object_, start, after[-1], alike)
-        seen = [
-            each.predicted + np.tensordot(moved, each.slopes, 1)
-            for each, moved in zip(held.explained[:-1], by[:-1], strict=True)
-        ]
-        explained = _seen_as(held.explained, [*seen, self._seen(contact)])
-        solution = self._solution(object_, after, explained, contact, held.changes)
-        return solution if solution.cost < held.cost else None
-
-    def away(self, before: Array | None, object_: Array) -> float:
-        """Largest change of an object, relative to the longest step of a fit."""
-        if before is None:
-            return 0.0
-        return float((abs(object_ - before) / self._longest[MOVING:]).max())
+        settings = self._settings
+        shifts = [key.shifts for key in held.keys]
+        object_, poses = held.object_, np.stack([key.pose for key in held.keys])
+        contacts, seen = self._predicted(object_, poses)
+        explained = _seen_as(held.explained, seen)
+        cost = self._cost.of([each.loss for each in explained], object_, poses)
+        for _ in range(settings.chord_rounds):
+            information, gradient = self._cost.normal(explained, object_, poses)
+            step = np.asarray(np.linalg.solve(information, gradient), np.float64)
+            if cost - gradient @ step > held.cost and not doubtful:
+                return held
+            tried = self._moved(object_, poses, step)
+            moved = abs(tried[0] - held.object_) / self._longest[MOVING:]
+            if self._length(step) > 1.0 or moved.max() > settings.chord_reach:
+                return None
+            reached, seen = self._predicted(*tried, contacts)
+            after = self._cost.of(_losses(shifts, seen), *tried)
+            if after > cost + settings.least_gain:
+                return None
+            gain, cost = cost - after, after
+            (object_, poses), contacts = tried, reached
+            explained = _seen_as(held.explained, seen)
+            if gain < settings.least_gain:
+                break
+        return self._solution(object_, poses, explained, contacts[-1], held.changes, held.slopes)
 
     def _solution(
         self,
@@ -292,12 +196,12 @@ class ContactFit:
         explained: list[Explained],
         contact: PosedContact,
         changes: Changes,
+        slopes: Array,
     ) -> Solution:
-        information, gradient = self._cost.normal(explained, object_, poses)
+        information, _ = self._cost.normal(explained, object_, poses)
         misfit = sum(each.cost for each in explained)
         misfit /= sum(each.shifts.count for each in explained)
-        inverse = np.linalg.inv(information)
-        step = np.asarray(inverse @ gradient, np.float64)
+        inverse = np.linalg.inv(information)[np.ix_(_LAST, _LAST)]
         return Solution(
             object_=object_,
             keys=tuple(
@@ -305,13 +209,10 @@ class ContactFit:
                 for each, pose in zip(explained, poses, strict=True)
             ),
             explained=tuple(explained),
+            slopes=slopes,
             contact=contact,
             changes=changes,
-            covariance=max(1.0, misfit)
-            * inverse[np.ix_(_LAST, _LAST)]
-            * np.outer(self.units, self.units),
-            step=step,
-            gain=float(gradient @ step),
+            covariance=max(1.0, misfit) * inverse * np.outer(self.units, self.units),
             cost=self._cost.of([each.loss for each in explained], object_, poses),
             misfit=misfit,
             typical=float(np.median([each.typical for each in explained])),
@@ -322,8 +223,8 @@ class ContactFit:
         return Followed(
             contact=solution.contact,
             pose=solution.keys[-1].pose,
-            seen=solution.explained[-1].predicted,
-            slopes=solution.explained[-1].slopes[:MOVING],
+            seen=self._seen(solution.contact),
+            slopes=solution.slopes[:MOVING],
         )
 
     def follow(self, object_: Array, last: Followed, shifts: Shifts) -> tuple[Followed, float]:
@@ -359,7 +260,7 @@ class ContactFit:
             reached = way.step(last.contact, object_, last.pose, pose, reached)
             seen = self._seen(reached)
         now = Followed(contact=reached, pose=pose, seen=seen, slopes=slopes)
-        return now, shifts.cost(shifts.residual(seen)) / shifts.count
+        return now, shifts.cost(seen) / shifts.count
 
     def _pose_step(
         self, last: Array, pose: Array, shifts: Shifts, whole: Array, seen: Array
@@ -395,6 +296,46 @@ class ContactFit:
         """Derivatives of predicted shifts by each of C unknowns, per unit of it, (C, P, 6)."""
         return self._response.along(changes.contact.nodes, changes.linear)
 
+    def _predicted(
+        self, object_: Array, poses: Array, alike: list[PosedContact] | None = None
+    ) -> tuple[list[PosedContact], list[Array]]:
+        """Simulate the contact in each key frame; also return the shifts of all pairs in it.
+
+        Parameters
+        ----------
+        alike: similar contacts, as initial guesses
+        """
+        contact, before = self._way.untouched(object_), np.zeros(MOVING)
+        contacts, seen = [], []
+        for k, pose in enumerate(poses):
+            near = alike[k] if alike else None
+            contact = self._way.step(contact, object_, before, pose, near)
+            before = pose
+            contacts.append(contact)
+            seen.append(self._seen(contact))
+        return contacts, seen
+
+    def _explained(
+        self,
+        object_: Array,
+        poses: Array,
+        shifts: list[Shifts],
+        contacts: list[PosedContact],
+        seen: list[Array],
+    ) -> tuple[list[Explained], Array, Changes]:
+        """Predict the key frames; also return derivatives (12, P, 6) and changes of the last."""
+        contact, before = self._way.untouched(object_), np.zeros(MOVING)
+        changes: Changes | None = None
+        explained = []
+        for frame, pose, reached, predicted in zip(shifts, poses, contacts, seen, strict=True):
+            contact, changes = self._way.step_and_changes(
+                contact, changes, object_, before, pose, alike=reached, solved=True
+            )
+            before, slopes = pose, self._slopes(changes)
+            explained.append(_explained(frame, predicted, slopes))
+        assert changes is not None
+        return explained, slopes, changes
+
     def _moved(self, object_: Array, poses: Array, step: Array) -> tuple[Array, Array]:
         """Add a step, in units of the unknowns, to object and poses, within their limits."""
         moved = object_ + self.units[MOVING:] * step[: len(OBJECT)]
@@ -410,11 +351,16 @@ class ContactFit:
         return float(max(on_object, on_poses))
 
 
-def _seen_as(explained: Sequence[Explained], seen: Sequence[Array]) -> list[Explained]:
+def _explained(shifts: Shifts, predicted: Array, slopes: Array) -> Explained:
+    whole = shifts.apply(slopes[:, shifts.used])
+    return Explained(shifts=shifts, predicted=predicted, whole=whole)
+
+
+def _seen_as(explained: Sequence[Explained], seen: list[Array]) -> list[Explained]:
     """Replace the predicted shifts of key frames, and keep their derivatives."""
     return [replace(each, predicted=new) for each, new in zip(explained, seen, strict=True)]
 
 
-def _losses(shifts: Sequence[Shifts], seen: Sequence[Array]) -> list[float]:
+def _losses(shifts: list[Shifts], seen: list[Array]) -> list[float]:
     """Loss of each key frame for predicted shifts."""
-    return [frame.loss(frame.residual(each)) for frame, each in zip(shifts, seen, strict=True)]
+    return [frame.loss(predicted) for frame, predicted in zip(shifts, seen, strict=True)]

@@ -24,11 +24,11 @@ class Solution:
     object_: unknowns of the object, shape (8,)
     keys: key frames with their poses
     explained: prediction for each key frame
+    slopes: derivatives of all pairs' shifts in the last key frame by the unknowns, per unit of
+        each, shape (12, P, 6)
     contact: contact in the last key frame
     changes: changes of this contact by each unknown
     covariance: covariance of the pose in the last key frame and the object, shape (12, 12)
-    step: change of the object, then of each pose, that the key frames ask for, in units
-    gain: expected decrease of the cost by it [squared standard deviations]
     cost: minimised cost
     misfit: mean squared residual of the shifts [variances], with reduced weight of outliers
     typical: median squared residual of the pairs that have moved [variances]
@@ -37,11 +37,10 @@ class Solution:
     object_: Array
     keys: tuple[Key, ...]
     explained: tuple[Explained, ...]
+    slopes: Array
     contact: PosedContact
     changes: Changes
     covariance: Array
-    step: Array
-    gain: float
     cost: float
     misfit: float
     typical: float
@@ -64,28 +63,15 @@ class Followed:
     slopes: Array
 
 
-@dataclass(frozen=True, kw_only=True)
-class Held:
-    """A solution with a further key frame, and whether its object should change.
-
-    Attributes
-    ----------
-    before: solution before that key frame
-    solution: with it
-    telling: whether the change that the key frames ask for would change the estimate
-    """
-
-    before: Solution
-    solution: Solution
-    telling: bool
-
-
-def tells_more(held: Solution, units: Array, step: Array, settings: ContactFitSettings) -> bool:
+def tells_more(
+    held: Solution, units: Array, gain: float, step: Array, settings: ContactFitSettings
+) -> bool:
     """Whether a step of the last pose and the object would change the estimate in the last frame.
 
     Parameters
     ----------
     units: units of the unknowns, shape (12,)
+    gain: expected gain of the step in all key frames [squared standard deviations]
     step: step in units, last pose first, shape (12,)
     """
     sums, mu = sums_of(held.changes.contact), math.exp(held.object_[FRICTION])
@@ -96,4 +82,4 @@ def tells_more(held: Solution, units: Array, step: Array, settings: ContactFitSe
     slopes[2] = share * (slopes[0] + slopes[1]) - across / (mu * units)
     known = np.sqrt(np.diag(slopes @ held.covariance @ slopes.T))
     much = abs(slopes @ step) > np.maximum(settings.unsure_share * known, settings.small_change)
-    return bool(much.any()) or held.gain > settings.telling_gain * held.misfit * len(held.keys)
+    return bool(much.any()) or gain > settings.telling_gain * held.misfit * len(held.keys)

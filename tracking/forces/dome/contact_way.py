@@ -153,26 +153,6 @@ class ContactWay:
             start = self._beside(contact, every)
         return contact, Changes(contact=contact, changed=every)
 
-    def along(
-        self, contact: PosedContact, changes: Changes, by: Array, object_: Array, pose: Array
-    ) -> PosedContact:
-        """Change a contact by some units of each unknown, to first order.
-
-        Parameters
-        ----------
-        by: units of each unknown, shape (12,)
-        object_, pose: unknowns after that
-        """
-        contact = self._contacts.onto(contact)
-        unchanged, changed = map(self._contacts.onto, (changes.contact, changes.changed))
-        values = {
-            name: getattr(contact, name)
-            + np.tensordot(by, getattr(changed, name) - getattr(unchanged, name), 1)
-            for name in _HISTORY
-        }
-        rotation, place = poses_of(self.dome, object_[None], pose[None])
-        return replace(contact, rotation=rotation[0], place=place[0], **values)
-
     def _beside(self, contact: PosedContact, every: PosedContact) -> PosedContact:
         """Stack a contact, and copies of it with small shares of changes."""
         whole = together([contact] * (1 + len(every.place)))

@@ -48,7 +48,8 @@ class ContactFitSettings:
     ----------
     least_gain: gain of a round below which the fit ends
     promising_rounds: rounds of a rival after which its expected cost decides whether it goes on
-    longest_leap: longest leap, over the longest step of a fit
+    chord_rounds: rounds with the derivatives of an earlier solution
+    chord_reach: distance from that solution, over the longest step, above which they no longer hold
     follow_steps: largest number of steps of a pose from frame to frame
     follow_gain: expected gain below which a pose stays as it is
     slow: share of the previous gain above which derivatives are computed again
@@ -62,7 +63,8 @@ class ContactFitSettings:
 
     least_gain: float = 0.3
     promising_rounds: int = 2
-    longest_leap: float = 1.0
+    chord_rounds: int = 3
+    chord_reach: float = 0.25
     follow_steps: int = 4
     follow_gain: float = 0.03
     slow: float = 0.1
@@ -154,8 +156,6 @@ class ContactSettings:
     hollow, edge: smallest and largest curvature of a smooth, convex object, times the radius
     shaped_misfit: misfit above which an object beyond them is rejected
     same: mean squared change of the shifts below which a refused frame counts as unchanged
-    calls_per_s: solver calls for each second between frames that are spent on fits of the object
-    reach: change of the object by leaps, over the longest step, above which it is fitted again
     rounds: largest number of rounds of a fit from rest
     refit_rounds: largest number of rounds of a fit that starts near its solution
     rival_rounds: largest number of rounds of a rival; a better one continues in its next turn
@@ -188,8 +188,6 @@ class ContactSettings:
     edge: float = 4.5
     shaped_misfit: float = 0.8
     same: float = 0.5
-    calls_per_s: float = 360.0
-    reach: float = 0.25
     rounds: int = 25
     refit_rounds: int = 8
     rival_rounds: int = 4

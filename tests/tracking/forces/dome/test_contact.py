@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,9 +30,7 @@ from chromagrip.tracking import (
     sensor_as_designed,
 )
 from chromagrip.tracking.forces.dome.contact import ContactReading
-from chromagrip.tracking.forces.dome.contact_state import MOVING
-from chromagrip.tracking.forces.dome.fitting import Fitting
-from chromagrip.tracking.forces.dome.key_shifts import Key
+from chromagrip.tracking.forces.dome.contact_solution import Solution
 from chromagrip.tracking.forces.dome.keys import Backoff
 
 from .drawn import Drawn
@@ -227,61 +226,35 @@ def test_mu_is_observable_by_the_deviation_of_its_logarithm() -> None:
     assert found.value < 0.8
 
 
-def sights(azimuth: float = 0.4, margin: float = 0.2) -> tuple[ContactReading, list[Tracks]]:
-    """A reading, and the tracks of a grasp at 60 Hz that it may read."""
-    states = grasped(Solid(shape=plane(), friction=0.6), azimuth, margin)
-    drawn = Drawn(DESIGN, DOME)
-    reading = ContactReading(sensor_as_designed(SENSOR), drawn(np.zeros_like(states[0].linear)))
-    return reading, [replace(drawn(state.linear), time=k / 60.0) for k, state in enumerate(states)]
+def test_the_object_is_refitted_as_often_as_the_settings_say() -> None:
+    """With 1 at every key frame that could change the estimate, else less often after failures."""
+    states = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)
 
+    def counts(settings: ContactSettings) -> tuple[int, int]:
+        drawn = Drawn(DESIGN, DOME)
+        rest = drawn(np.zeros_like(states[0].linear))
+        reading = ContactReading(sensor_as_designed(SENSOR), rest, settings)
+        fit, telling, refits = reading._fit, [], []
+        hold = fit.hold
 
-def test_no_frame_after_the_first_of_a_contact_waits_for_a_fit() -> None:
-    """A pose takes 4 solved contacts at most, one with derivatives, and a fit its share of them."""
-    reading, frames = sights()
-    contacts, calls, each = reading._fit._way._contacts, [], []
-    for name in ("step", "changed"):
-        solve = getattr(contacts, name)
-        setattr(contacts, name, lambda *a, _of=solve: (calls.append(1), _of(*a))[1])
-    begun = False
-    for tracks in frames:
-        reading.update(tracks)
-        if begun:
-            each.append(len(calls))
-        calls.clear()
-        begun |= reading._memory.last is not None
-    settings = ContactSettings()
-    parts = settings.fit.model.most_parts
-    share = round(settings.calls_per_s / 60.0) + Fitting.derivatives
-    assert max(each) <= 2 * settings.fit.follow_steps + 2 * parts + share
-    assert sum(each) < 12 * len(each)
+        def held(*arguments: Any) -> Any:
+            solution, tells = hold(*arguments)
+            telling.append(tells or solution.misfit > reading._memory.doubtful)
+            return solution, tells
 
+        def not_better(solution: Solution, doubtful: bool) -> Solution:
+            refits.append(True)
+            return solution
 
-def test_a_leap_goes_where_the_whole_way_is_better() -> None:
-    """Its cost is that of a simulation of the whole way, but for effects of second order."""
-    reading, frames = sights()
-    for tracks in frames[:-2]:
-        reading.update(tracks)
-    last = reading._memory.last
-    assert last is not None
-    fit = reading._fit
-    wrong = last.object_ + fit.units[MOVING:] * np.array([0, 0, 0, 0, 0, 4.0, -4.0, 0])
-    start = fit.fit_keys(wrong, last.keys[:-1], 0)
-    now, _ = fit.follow(wrong, fit.last_of(start), last.keys[-1].shifts)
-    held = fit.hold(start, (*start.keys, Key(shifts=last.keys[-1].shifts, pose=now.pose)), now)
-    leapt = fit.leap(held)
-    assert held.telling
-    assert leapt is not None
-    gain = held.solution.cost - leapt.cost
-    whole = fit.fit_keys(leapt.object_, leapt.keys, 0)
-    assert whole.cost < held.solution.cost
-    assert abs(leapt.cost - whole.cost) < 0.3 * gain
+        fit.hold, fit.along_chord = held, not_better  # type: ignore[method-assign]
+        for state in states:
+            reading.update(drawn(state.linear))
+        return sum(telling), len(refits)
 
-
-def test_spread_fits_are_the_same_however_often_they_are_read() -> None:
-    read_, frames = sights()
-    other, _ = sights()
-    for tracks in frames:
-        assert np.array_equal(read_.update(tracks).normal, other.update(tracks).normal)
+    telling, refits = counts(ContactSettings(refit_every=1))
+    assert refits == telling > 6
+    telling, refits = counts(ContactSettings(refit_every=16, refit_patience=1))
+    assert 1 < refits < telling / 2
 
 
 def test_the_interval_of_what_fails_doubles_up_to_a_limit() -> None:

@@ -34,7 +34,7 @@ def test_the_gradient_is_that_of_the_loss() -> None:
     predicted, slopes = RNG.normal(size=(PAIRS, 6)), RNG.normal(size=(12, PAIRS, 6))
 
     def explained(shown: Array) -> Explained:
-        return Explained(shifts=SHIFTS, predicted=shown, slopes=slopes)
+        return Explained(shifts=SHIFTS, predicted=shown, whole=SHIFTS.apply(slopes[:, USED]))
 
     information, gradient = explained(predicted).normal
     small = 1e-6
