@@ -292,3 +292,10 @@ def test_the_largest_grip_holds_the_load_with_room_to_spare(scene: str) -> None:
     rough = load_scene(scene, {"path": "truth", "object.friction": 0.9})
     assert _most_n(rough) == most  # the scale of the actions does not tell the friction
     assert most >= 5.0
+
+
+def test_an_environment_does_not_load_the_controller_of_its_scene() -> None:
+    """The policy grips: code that a scene names is not run, and need not be there."""
+    env = made(changes={"controller": "nowhere:Absent"})
+    env.reset(seed=0)
+    assert env.step(action(0.4))[4]["time_s"] > 0.0

@@ -303,7 +303,7 @@ def estimate(
     from ..tracking import AUTOMATIC, load_calibration
 
     known = load_calibration(calibration)
-    origin = _sequence_of(source) or _rendered(source)
+    origin = _origin_of(source)
     if origin is not None:
         shown = origin.scene.sensor
         if known.name != shown and {known.name, shown} <= set(sensor_names()):
@@ -354,34 +354,32 @@ class _Origin(NamedTuple):
     timed: bool
 
 
-def _rendered(source: str) -> _Origin | None:
-    """Scene and truth of a folder of `chromagrip render`, else None."""
+def _origin_of(source: str) -> _Origin | None:
+    """Scene and truth of a sequence of a dataset or of a folder of `render`; None of others."""
     folder = Path(source)
-    if not all((folder / name).is_file() for name in ("poses.json", "scene.toml")):
+    kinds = {"files.json": _of_sequence, "poses.json": _of_poses}
+    kind = next((kinds[name] for name in kinds if (folder / name).is_file()), None)
+    if kind is None or not (folder / "scene.toml").is_file():
         return None
+    try:
+        return kind(folder)
+    except UserError as error:
+        print(f"chromagrip: true values are not shown: {error}", file=sys.stderr)
+        return None
+
+
+def _of_sequence(folder: Path) -> _Origin:
+    from ..dataset.read import load_sequence
+
+    found = load_sequence(folder)
+    return _Origin(found.scene, found.frames, True)
+
+
+def _of_poses(folder: Path) -> _Origin:
     from ..loop.poses.folder import true_values
     from ..scene import load_scene
 
-    try:
-        return _Origin(load_scene(str(folder / "scene.toml")), true_values(folder), False)
-    except UserError as error:
-        print(f"chromagrip: true values are not shown: {error}", file=sys.stderr)
-        return None
-
-
-def _sequence_of(source: str) -> _Origin | None:
-    """Scene and truth of a sequence of a dataset whose pictures these are, else None."""
-    folder = Path(source)
-    if not all((folder / name).is_file() for name in ("files.json", "scene.toml")):
-        return None
-    from ..dataset.read import load_sequence
-
-    try:
-        found = load_sequence(folder)
-        return _Origin(found.scene, found.frames, True)
-    except UserError as error:
-        print(f"chromagrip: true values are not shown: {error}", file=sys.stderr)
-        return None
+    return _Origin(load_scene(str(folder / "scene.toml")), true_values(folder), False)
 
 
 def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
@@ -445,7 +443,7 @@ def _meaning(method: str) -> str:
     """What a reconstructor of ours is, in brackets; empty for another's."""
     from ..tracking.forces import RECONSTRUCTORS
 
-    words = RECONSTRUCTORS.entries[method][1] if method in RECONSTRUCTORS.entries else ""
+    _, words = RECONSTRUCTORS.entries.get(method, ("", ""))
     return f" ({words})" if words else ""
 
 

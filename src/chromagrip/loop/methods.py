@@ -90,7 +90,8 @@ def choose(scene: Scene, **choices: Any) -> tuple[Scene, Methods]:
     Parameters
     ----------
     scene: scene whose methods are used if not chosen
-    choices: choice of each method of `Methods`, by name; None: the scene's
+    choices: choice of each method of `Methods`, by name; None: the scene's. A controller is loaded
+        for its target where it is among them: the scene's code is not run where no controller is
 
     Raises
     ------
@@ -102,9 +103,10 @@ def choose(scene: Scene, **choices: Any) -> tuple[Scene, Methods]:
     reconstructor = names.get("reconstructor", scene.reconstructor)
     if scene.path == "camera":
         names["reconstructor"] = reconstructor_for(scene.body, reconstructor)
-    controller = chosen.get("controller", scene.controller)
-    arguments = {} if "controller" in chosen else scene.controller_arguments
-    names["controller_arguments"] = _own_target(controller) | arguments
+    if "controller" in choices:
+        own = {} if "controller" in chosen else scene.controller_arguments
+        controller = chosen.get("controller", scene.controller)
+        names["controller_arguments"] = _own_target(controller) | own
     scene = msgspec.structs.replace(scene, **names)
     return scene, Methods(**{**vars(Methods.of_scene(scene)), **chosen})
 

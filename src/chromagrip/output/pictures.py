@@ -77,8 +77,7 @@ def open_source(
     """Source of that name; `fps` [Hz] sets the rate of pictures, and overrides a video's own.
 
     A picture `without` is no frame of the folder that it lies in, nor is one that is called rest
-    beside others. Larger pictures than
-    `max_megapixels` are refused before they are decoded.
+    beside others. Larger pictures than `max_megapixels` are refused before they are decoded.
 
     Raises
     ------

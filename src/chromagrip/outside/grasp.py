@@ -98,7 +98,7 @@ def _checked(scene: Scene) -> tuple[Scene, Methods, SensorCalibration]:
     need_one_finger(scene, "frames from outside are those of")
     if scene.path != "camera":
         raise UserError('frames from outside are read by the camera path; set path = "camera"')
-    scene, methods = choose(scene)
+    scene, methods = choose(scene, controller=None)
     known = readable(scene, methods)
     if known is None:
         raise UserError(f"sensor {scene.sensor} is a flat pad, for which no estimator has forces")

@@ -40,16 +40,21 @@ def rest_picture(rest: str, source: str) -> Path | None:
     Recordings and our own datasets keep it there. A picture of another name may be a frame too.
     """
     path, folder = Path(rest), Path(source)
-    if not (path.is_file() and is_picture(path) and path.name.lower().startswith("rest")):
+    if not _called_rest(path):
         return None
     return path if folder.is_dir() and path.parent.samefile(folder) else None
 
 
+def _called_rest(path: Path) -> bool:
+    return path.is_file() and is_picture(path) and path.name.lower().startswith("rest")
+
+
 def refuse_swapped(rest: str, source: str) -> None:
     """Refuse a folder or a video as the unloaded sensor of a picture that is called rest…."""
-    picture, still = Path(source), Path(rest)
-    named = picture.is_file() and is_picture(picture) and picture.name.lower().startswith("rest")
-    if named and (still.is_dir() or (still.is_file() and not is_picture(still))):
+    still = Path(rest)
+    if _called_rest(Path(source)) and (
+        still.is_dir() or (still.is_file() and not is_picture(still))
+    ):
         raise UserError(f"rest {rest} and source {source} are swapped: give the rest picture first")
 
 

@@ -267,23 +267,20 @@ class Scene(Table, frozen=True):
 
         That of a class of one's own is its argument `desired_margin`.
         """
-        settings = getattr(self, self._settings_name, None)
         own = with_arguments(self.controller)[1] | self.controller_arguments
-        target = getattr(settings, "desired_margin", own.get("desired_margin"))
+        target = getattr(self._settings, "desired_margin", own.get("desired_margin"))
         return float(target) if isinstance(target, float | int) else None
 
     @property
     def grip_ceiling(self) -> float | None:
         """Largest grip force that the controller gives [N]; None if it has no such setting."""
-        settings = getattr(self, self._settings_name, None)
-        ceiling = getattr(settings, "ceiling_n", None)
+        ceiling = getattr(self._settings, "ceiling_n", None)
         return None if ceiling is None else float(ceiling)
 
     @property
     def sliding_margin(self) -> float | None:
         """Γ that the lower end of the interval must exceed to exclude sliding; None: no check."""
-        settings = getattr(self, self._settings_name, None)
-        first = getattr(settings, "grip_first", None)
+        first = getattr(self._settings, "grip_first", None)
         return None if first is None or self.path != "camera" else float(first.sliding_margin)
 
     def build_sensor(self) -> SensorDesign:
@@ -352,9 +349,14 @@ class Scene(Table, frozen=True):
         """
         arguments = self.controller_arguments
         if self.controller in CONTROLLERS.entries:
-            arguments = {"settings": getattr(self, self._settings_name)}
+            arguments = {"settings": self._settings}
         controller: Controller = CONTROLLERS.build(self.controller, arguments)
         return controller
+
+    @property
+    def _settings(self) -> Any:
+        """Table of the controller's settings; None for one that is not ours."""
+        return getattr(self, self._settings_name, None)
 
     @property
     def _settings_name(self) -> str:
