@@ -15,7 +15,8 @@ from .pair_fit import PairFit, prepare_fit
 from .pair_state import PairFits, PairState
 from .relocate import Relocator
 from .settings import FitSettings
-from .tuning import tune
+from .skin_light import Skin, skin_light, skin_of
+from .tuning import sharpened, tune
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -41,6 +42,7 @@ class AtRest:
     share: displacement of the inner layer over that of the outer one; None if unknown
     flat: pixels that show the noise next to the markers, see `flat_blocks`
     edge: edge of the field, for the markers (M, 2)
+    skin: unevenness of the skin under each pair
     """
 
     settings: FitSettings
@@ -56,6 +58,7 @@ class AtRest:
     share: float | None
     flat: NDArray[np.intp]
     edge: Edge
+    skin: Skin
 
     def lost(self, visible: Mask) -> int:
         """Number of markers that were present at rest and are not visible."""
@@ -87,12 +90,17 @@ def fit_rest(
         # Their light would bias that of neighbouring pairs.
         rest = replace(rest, position=rest.position[:, ~stray])
         fit, first = _first_fit(rest, mean, frames[0].image, palette, noise, settings)
+    uneven = first.typical > settings.skin.worse
+    if uneven:
+        fit, first = _with_skin(fit, first, rest, len(frames), settings)
     # Deviations of these markers from discs count as noise, too.
     own, rounding = settings.rest, 0.29
     while first.typical > own.unexplained and noise < own.noisiest:
         larger = float(np.hypot(noise, rounding) * np.sqrt(first.typical))
         noise = min(own.noisiest, larger)
         fit, first = _first_fit(rest, mean, frames[0].image, palette, noise, settings)
+        if uneven:
+            fit, first = _with_skin(fit, first, rest, len(frames), settings)
     good = np.asarray(visible_markers(first, settings).any(axis=1))
     if good.sum() < own.least_share * len(good):
         raise UserError(
@@ -116,7 +124,7 @@ def fit_rest(
     covariance = np.mean([each.covariance for each in fits], axis=0) / len(frames)
     found = PairFits(state, misfit, covariance)
     flat = flat_blocks(frames, settings.compression)
-    return _at_rest(rest, palette, settings, fit, found, flat), found
+    return _at_rest(rest, palette, settings, fit, found, flat, uneven), found
 
 
 def _stray(fits: PairFits, settings: FitSettings) -> Mask:
@@ -145,6 +153,22 @@ def _first_fit(
     return fit, first
 
 
+def _with_skin(
+    fit: PairFit, first: PairFits, rest: RestFrame, frames: int, settings: FitSettings
+) -> tuple[PairFit, PairFits]:
+    """Fit shapes, colours and blur in turns with the light of an uneven skin."""
+    mean, smooth = np.rint(rest.image).astype(np.uint8), fit
+    for turn, edge in enumerate(settings.skin.edges):
+        ground = skin_light(smooth, first, rest, frames, edge, settings.skin)
+        fit = replace(fit, optics=fit.optics._replace(ground=ground))
+        start = replace(first.state, gains=np.ones_like(first.state.gains)).unsloped()
+        first = fit.fit(mean, start, settings.rest.steps)
+        if turn == 0:
+            first = tune(fit, mean, first, first.state.fits, settings.steps, settings.tuning)
+        first = sharpened(fit, mean, first, settings.steps, settings.tuning)
+    return fit, first
+
+
 def _at_rest(
     rest: RestFrame,
     palette: Palette,
@@ -152,6 +176,7 @@ def _at_rest(
     fit: PairFit,
     found: PairFits,
     flat: NDArray[np.intp],
+    uneven: bool,
 ) -> AtRest:
     """Collect the results of the fit at rest."""
     sensor = palette.sensor
@@ -169,6 +194,7 @@ def _at_rest(
         share=None if sensor is None else sensor.follow[-1] / sensor.follow[0],
         flat=flat,
         edge=Edge.of_rest(rest, palette, found.state.fits[..., :2]),
+        skin=skin_of(fit, found.state.fits, uneven, settings.skin),
     )
 
 

@@ -48,6 +48,7 @@ class TuningSettings:
     ----------
     wider: factor by which an edge is tried wider or narrower
     widest: largest width of an edge, and inverse of the smallest, over that at rest
+    closer, closer_turns: first such factor of a closer fit of the blur alone, and number of turns
     rounds: number of rounds in which colours and positions are fitted alternately
     blacks: black levels to try [grey levels]; levels near 0 could be confused with a dye's light
     faded: share of its contrast at rest below which a dye cannot be fitted
@@ -60,6 +61,8 @@ class TuningSettings:
 
     wider: float = 1.15
     widest: float = 4.0
+    closer: float = 1.06
+    closer_turns: int = 4
     rounds: int = 2
     blacks: tuple[float, ...] = (-32.0, -16.0, 0.0, *(16.0 + 8.0 * k for k in range(14)))
     faded: float = 0.15
@@ -93,6 +96,38 @@ class RestSettings:
     no_light: float = 0.2
     odd_size: float = 0.4
     least_share: float = 0.7
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkinSettings:
+    """Tuned parameters of the light of an uneven skin; its deviations are those of logarithms.
+
+    Attributes
+    ----------
+    worse: median misfit at rest above which the skin is uneven
+    edges: standard deviation of the places of edges in each turn of light and shapes [px]
+    scales: scales of smoothing, from coarse to fine [px]
+    shared: deviations of brightness between two scales that are expected
+    own: deviations of a single channel that are expected on top of it
+    lost: misfit of a pair over the typical one, above which nothing is seen through it
+    white: mean level above which a camera shows light as white
+    rounding: variance of a mean level by rounding and coding [squared grey levels]
+    least: smallest variance of the logarithm of a pixel's light
+    error: error of a place over unevenness and motion since rest
+    far: motion after which it hardly grows [standard deviations of an edge]
+    """
+
+    worse: float = 1.2
+    edges: tuple[float, ...] = (0.2, 0.03, 0.03, 0.03)
+    scales: tuple[float, ...] = (16.0, 3.0, 0.7)
+    shared: tuple[float, ...] = (2.0, 0.3, 0.05)
+    own: tuple[float, ...] = (1.0, 0.1, 0.03)
+    lost: float = 20.0
+    white: float = 250.0
+    rounding: float = 0.02
+    least: float = 1e-5
+    error: float = 0.35
+    far: float = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,7 +233,7 @@ class FitSettings:
     worst: upper bound of the typical misfit in this comparison
     touching_size: standard deviation added to the log size of a marker that touches another one of
         its layer
-    pairs, tuning, rest, looks, relocation, compression: settings of the parts of the method
+    pairs, tuning, rest, skin, looks, relocation, compression: settings of the parts of the method
     """
 
     rows: int = 1
@@ -215,6 +250,7 @@ class FitSettings:
     pairs: PairSettings = PairSettings()
     tuning: TuningSettings = TuningSettings()
     rest: RestSettings = RestSettings()
+    skin: SkinSettings = SkinSettings()
     looks: LookSettings = LookSettings()
     relocation: RelocationSettings = RelocationSettings()
     compression: CompressionSettings = CompressionSettings()

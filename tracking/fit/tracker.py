@@ -266,13 +266,14 @@ def _tracks(known: AtRest, memory: Memory, frame: Frame, look: Look, ambiguous: 
     layers, fit, visible = known.layers, look.fits, look.visible
     fits, covariance = fit.state.fits.copy(), fit.covariance.copy()
     log_size, spread = np.empty((2, len(fits))), np.ones((len(fits), 6))
+    offset = (fits - known.state.fits)[..., :2]
+    moved = np.linalg.norm(np.where(visible[..., None], offset, 0.0), axis=2).max(axis=1)
     factor = _compression(known, frame.image, fit)
     if factor > 1.0:
-        offset = (fits - known.state.fits)[..., :2]
-        moved = np.linalg.norm(np.where(visible[..., None], offset, 0.0), axis=2).max(axis=1)
         spread = deviations(factor, moved, known.settings.compression)
+    doubt = known.skin.variances(moved)
     # Sizes of touching markers depend on the light between them, which is less certain.
-    doubt = known.settings.touching_size**2 * look.touching
+    doubt[:, 2::3] += (known.settings.touching_size**2 * look.touching)[:, None]
     report(
         fit.state.gains, known.state.gains, fit.misfit, visible, known.fit.near, spread, doubt,
         fits, covariance, log_size,

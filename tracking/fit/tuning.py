@@ -61,6 +61,23 @@ def tune(
     return best
 
 
+def sharpened(
+    fit: PairFit, image: Image, before: PairFits, steps: int, settings: TuningSettings
+) -> PairFits:
+    """Fit the blur alone, closely, from a fit with the right colours."""
+    best, factor = before, settings.closer
+    for _ in range(settings.closer_turns):
+        width = best.state.width
+        for tried in (width * factor, width / factor):
+            found = fit.fit(image, replace(best.state, width=tried), steps)
+            if found.score < best.score:
+                best = found
+                break
+        else:
+            factor = np.sqrt(factor)
+    return best
+
+
 def faded(fit: PairFit, state: PairState, settings: TuningSettings) -> bool:
     """Whether a dye of a state has lost too much contrast for a meaningful fit."""
     now = np.linalg.norm(state.absorbed[:2], axis=1)

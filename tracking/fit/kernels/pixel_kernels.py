@@ -91,6 +91,8 @@ _TOE_SLOPE = np.float32(255.0 * 12.92)
 _CURVE = np.float32(255.0 * 1.055)
 _CURVE_OFFSET = np.float32(255.0 * 0.055)
 _EXPONENT = np.float32(1.0 / 2.4)
+#: Highest level: a camera shows more light as white.
+_WHITE = np.float32(255.0)
 #: Parabola near the cube root, between the roots of the toe's end and of white.
 _START = (np.float32(0.4587), np.float32(0.8765), np.float32(-0.3354))
 #: Lower bound of radicands.
@@ -324,7 +326,7 @@ def _encode(optics: Any, c: int, count: int, buffer: Array32) -> None:
         # Below black the toe's line goes on, above white the curve.
         shown = _TOE_SLOPE * light if in_toe else curve - _CURVE_OFFSET
         slope = span * (_TOE_SLOPE if in_toe else curve * _EXPONENT / bright)
-        now = black + span * shown
+        now = min(black + span * shown, _WHITE)
         buffer[level + i] = now
         buffer[left + i] = (buffer[observed + i] - now) / slope
         buffer[weight + i] = buffer[read + i] * slope * slope * per_variance

@@ -83,7 +83,7 @@ def report(
     visible: whether each marker is visible, shape (M, 2)
     near: indices of K neighbours of each pair, shape (M, K)
     spread: factors on the standard deviations of (x, y, e) of both layers, shape (M, 6)
-    doubt: variance that is added to that of e, shape (M,)
+    doubt: variances that are added to those of (x, y, e) of both layers, shape (M, 6)
     fits, covariance: parameters and covariance of the fit, corrected in place, shapes (M, 2, 5) and
         (M, 9, 9); set to NaN where not visible
     log_size: result: logarithm of the markers' sizes over those at rest, shape (2, M)
@@ -109,8 +109,7 @@ def report(
         for i in range(6):
             for j in range(6):
                 covariance[m, i, j] *= spread[m, i] * spread[m, j]
-        covariance[m, 2, 2] += doubt[m]
-        covariance[m, 5, 5] += doubt[m]
+            covariance[m, i, i] += doubt[m, i]
         for k in range(2):
             if not visible[m, k]:
                 covariance[m, 3 * k : 3 * k + 3, :] = np.nan
