@@ -15,7 +15,7 @@ from .pair_fit import PairFit, prepare_fit
 from .pair_state import PairFits, PairState
 from .relocate import Relocator
 from .settings import FitSettings
-from .skin_light import Skin, skin_light, skin_of
+from .skin_light import Skin, is_uneven, skin_light, skin_of
 from .tuning import sharpened, tune
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ def fit_rest(
         # Their light would bias that of neighbouring pairs.
         rest = replace(rest, position=rest.position[:, ~stray])
         fit, first = _first_fit(rest, mean, frames[0].image, palette, noise, settings)
-    uneven = first.typical > settings.skin.worse
+    uneven = is_uneven(fit, first, rest, settings.skin)
     if uneven:
         fit, first = _with_skin(fit, first, rest, len(frames), settings)
     # Deviations of these markers from discs count as noise, too.

@@ -104,7 +104,9 @@ class SkinSettings:
 
     Attributes
     ----------
-    worse: median misfit at rest above which the skin is uneven
+    worse: median misfit at rest above which the skin may be uneven
+    uneven, scale: deviation of the logarithm of its light, in a tenth of the pixels between the
+        markers, above which it is, and a scale of smoothing against noise [px]
     edges: standard deviation of the places of edges in each turn of light and shapes [px]
     scales: scales of smoothing, from coarse to fine [px]
     shared: deviations of brightness between two scales that are expected
@@ -118,6 +120,8 @@ class SkinSettings:
     """
 
     worse: float = 1.2
+    uneven: float = 0.05
+    scale: float = 1.5
     edges: tuple[float, ...] = (0.2, 0.03, 0.03, 0.03)
     scales: tuple[float, ...] = (16.0, 3.0, 0.7)
     shared: tuple[float, ...] = (2.0, 0.3, 0.05)

@@ -53,6 +53,21 @@ class Skin:
         return np.stack(both[0] + both[1], axis=-1) ** 2
 
 
+def is_uneven(fit: PairFit, found: PairFits, rest: RestFrame, settings: SkinSettings) -> bool:
+    """Whether the skin between the markers is not as even as its smooth ground.
+
+    Artefacts of colour at edges, of a codec or of the pixels' filters, move with the markers.
+    """
+    if not found.typical > settings.worse:
+        return False
+    share, _ = _passing(fit, found, rest, found.state.present)
+    between = (share.min(axis=2) > _CLEAR) & (fit.optics.ground[..., 0] > 0.0)
+    light = _light(fit, found, rest)
+    ratio = np.log(light / np.maximum(fit.optics.ground, _DARK)).mean(axis=2)
+    ratio = _mean(ratio[..., None], between, settings.scale)[..., 0][between]
+    return bool(np.quantile(abs(ratio - np.median(ratio)), 0.9) > settings.uneven)
+
+
 def skin_of(fit: PairFit, fits: Array, uneven: bool, settings: SkinSettings) -> Skin:
     """Measure the unevenness of the light around the pairs, at parameters (M, 2, 5), if any."""
     ground, radius = np.minimum(fit.optics.ground, 1.0), float(fit.radius[0])
@@ -84,17 +99,14 @@ def skin_light(
     edge: standard deviation of the places of edges [px]
     settings: tuned parameters
     """
-    optics, smooth = fit.optics_of(found.state), fit.optics.ground
+    smooth, light = fit.optics.ground, _light(fit, found, rest)
     share, slope = _passing(fit, found, rest, found.state.present)
     unexplained = ~(found.misfit < settings.lost * max(1.0, found.typical))
     lost, _ = _passing(fit, found, rest, found.state.present & unexplained[:, None])
     clear = share.min(axis=2) > _CLEAR
     known = (smooth[..., 0] > 0.0) & (lost.min(axis=2) > _CLEAR)
-    light, weight = (
-        np.stack([np.interp(rest.image[..., c], np.arange(256.0), table[c]) for c in range(3)], -1)
-        for table in (optics.linear, optics.weight)
-    )
-    light, share = np.maximum(light, _DARK), np.maximum(share, _LITTLE)
+    share = np.maximum(share, _LITTLE)
+    weight = _of_levels(fit.optics_of(found.state).weight, rest)
     ratio = np.log(light / (np.maximum(smooth, _DARK) * share))
     noise = level_variance(fit.noise) / frames + settings.rounding
     variance = noise / (weight * level_variance(fit.noise) * light**2) + (edge * slope / share) ** 2
@@ -104,6 +116,17 @@ def skin_light(
     # White skin is at least that bright.
     more = np.where(white & clear[..., None], np.maximum(more, ratio), more)
     return np.where(smooth > 0.0, smooth * np.exp(more), 0.0).astype(np.float32)
+
+
+def _light(fit: PairFit, found: PairFits, rest: RestFrame) -> Array:
+    """Linear light of the rest frame, shape (H, W, 3)."""
+    return np.maximum(_of_levels(fit.optics_of(found.state).linear, rest), _DARK)
+
+
+def _of_levels(table: Array32, rest: RestFrame) -> Array:
+    """Values of a table of levels, (3, 256), at the pixels of the rest frame, (H, W, 3)."""
+    levels = np.arange(256.0)
+    return np.stack([np.interp(rest.image[..., c], levels, table[c]) for c in range(3)], axis=-1)
 
 
 def _passing(

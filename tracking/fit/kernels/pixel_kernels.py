@@ -93,6 +93,8 @@ _CURVE_OFFSET = np.float32(255.0 * 0.055)
 _EXPONENT = np.float32(1.0 / 2.4)
 #: Highest level: a camera shows more light as white.
 _WHITE = np.float32(255.0)
+#: Levels this many standard deviations below it may be white.
+_WHITE_RANGE = np.float32(4.0)
 #: Parabola near the cube root, between the roots of the toe's end and of white.
 _START = (np.float32(0.4587), np.float32(0.8765), np.float32(-0.3354))
 #: Lower bound of radicands.
@@ -314,6 +316,8 @@ def _encode(optics: Any, c: int, count: int, buffer: Array32) -> None:
     observed, read = row_at(OBSERVED + c), row_at(READ)
     black, span = optics.black[c], (F1 - optics.black[c] * np.float32(1.0 / 255.0))
     per_variance, third = F1 / optics.variance, np.float32(1.0 / 3.0)
+    deviation = np.sqrt(optics.variance)
+    white, above = _WHITE - _WHITE_RANGE * deviation, _WHITE + F2 * deviation
     for i in range(np.uint64(count)):
         light = buffer[modelled + i]
         bright = max(light, _TOE_LIGHT)
@@ -326,10 +330,13 @@ def _encode(optics: Any, c: int, count: int, buffer: Array32) -> None:
         # Below black the toe's line goes on, above white the curve.
         shown = _TOE_SLOPE * light if in_toe else curve - _CURVE_OFFSET
         slope = span * (_TOE_SLOPE if in_toe else curve * _EXPONENT / bright)
-        now = min(black + span * shown, _WHITE)
+        now = black + span * shown
         buffer[level + i] = now
-        buffer[left + i] = (buffer[observed + i] - now) / slope
-        buffer[weight + i] = buffer[read + i] * slope * slope * per_variance
+        seen = buffer[observed + i]
+        # A pixel that is white, as expected, tells nothing more.
+        tells = F0 if now > above and seen > white else buffer[read + i]
+        buffer[left + i] = (seen - now) / slope
+        buffer[weight + i] = tells * slope * slope * per_variance
 
 
 @njit()

@@ -168,7 +168,8 @@ def _pack(optics: Any, m: int, blocks: int, buffer: Array32, pool: Any) -> None:
             for c in range(3):
                 level = np.rint(buffer[row_at(LEVEL + c) + at] * np.float32(FINE))
                 level = min(max(level, np.float32(NOT_READ + 1)), np.float32(-NOT_READ - 1))
-                kept = np.int16(level) if read else np.int16(NOT_READ)
+                tells = read and buffer[row_at(WEIGHT + c) + at] > F0
+                kept = np.int16(level) if tells else np.int16(NOT_READ)
                 pool.levels[m, (3 * block + c) * BLOCK + j] = kept
             for r in range(6):
                 value = np.rint(buffer[row_at(_STEEP + r) + at] * per_steep)

@@ -126,7 +126,7 @@ class ContactReading:
             When too few pairs are visible, and when no contact explains them.
         """
         shifts = self._read(tracks)
-        nothing = shifts.cost(np.zeros((len(shifts.used), 6)))
+        nothing = shifts.cost(shifts.seen)
         if nothing < self._settings.untouched:
             self.reset()
             return untouched_field(self.dome, self._hidden(shifts) ** 2)

@@ -260,7 +260,7 @@ class ContactFit:
             reached = way.step(last.contact, object_, last.pose, pose, reached)
             seen = self._seen(reached)
         now = Followed(contact=reached, pose=pose, seen=seen, slopes=slopes)
-        return now, shifts.cost(seen) / shifts.count
+        return now, shifts.cost(shifts.residual(seen)) / shifts.count
 
     def _pose_step(
         self, last: Array, pose: Array, shifts: Shifts, whole: Array, seen: Array
@@ -363,4 +363,4 @@ def _seen_as(explained: Sequence[Explained], seen: list[Array]) -> list[Explaine
 
 def _losses(shifts: list[Shifts], seen: list[Array]) -> list[float]:
     """Loss of each key frame for predicted shifts."""
-    return [frame.loss(predicted) for frame, predicted in zip(shifts, seen, strict=True)]
+    return [frame.loss(frame.residual(each)) for frame, each in zip(shifts, seen, strict=True)]

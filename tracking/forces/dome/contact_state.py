@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ....model import Dome, Solid
 from ....model.shapes import quadric
@@ -136,8 +135,19 @@ def pose_of(dome: Dome, object_: Array, pose: Array) -> tuple[Array, Array]:
 
 def poses_of(dome: Dome, objects: Array, poses: Array) -> tuple[Array, Array]:
     """Rotation matrices (C, 3, 3) and positions (C, 3) of objects (C, 8) at poses (C, 4)."""
-    turn = np.zeros((2, len(objects), 3))
-    turn[0, :, :2], turn[1, :, 2] = objects[:, PLACE], poses[:, TWIST]
-    base, twist = Rotation.from_rotvec(turn.reshape(-1, 3)).as_matrix().reshape(2, -1, 3, 3)
+    # Rodrigues' formula for a turn about an axis across z, and a turn about z before it: SciPy's
+    # rotations take five times as long for so few.
+    x, y = objects[:, PLACE].T
+    angle = np.hypot(x, y)
+    sine, cosine = np.sinc(angle / np.pi), 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    base, twist = np.zeros((2, len(objects), 3, 3))
+    base[:, 0, 0], base[:, 1, 1] = 1.0 - cosine * y**2, 1.0 - cosine * x**2
+    base[:, 0, 1] = base[:, 1, 0] = cosine * x * y
+    base[:, 0, 2], base[:, 1, 2] = sine * y, -sine * x
+    base[:, 2, 0], base[:, 2, 1] = -sine * y, sine * x
+    base[:, 2, 2] = 1.0 - cosine * angle**2
+    twist[:, 0, 0] = twist[:, 1, 1] = np.cos(poses[:, TWIST])
+    twist[:, 1, 0] = np.sin(poses[:, TWIST])
+    twist[:, 0, 1], twist[:, 2, 2] = -twist[:, 1, 0], 1.0
     off = poses[:, :3] * [1.0, 1.0, -1.0] + [0.0, 0.0, dome.radius]
-    return base @ twist, np.einsum("cij,cj->ci", base, off)
+    return base @ twist, (base @ off[..., None])[..., 0]

@@ -35,39 +35,46 @@ class Shifts:
         whole = several @ self.whiten.swapaxes(1, 2)
         return whole.swapaxes(0, 1).reshape(*shifts.shape[:-2], -1)
 
+    @cached_property
+    def seen(self) -> Array:
+        """Whitened shifts that were observed, shape (V·W,)."""
+        return self.apply(self.values)
+
+    @cached_property
+    def moved(self) -> NDArray[np.bool_]:
+        """Pairs that have moved, shape (V,)."""
+        return self._each(self.seen) > self.settings.moved
+
     def residual(self, predicted: Array) -> Array:
         """Whitened residual against predicted shifts (…, P, 6), shape (…, V·W)."""
-        return self.apply(self.values - predicted[..., self.used, :])
+        return self.seen - self.apply(predicted[..., self.used, :])
 
     def weights(self, residual: Array) -> Array:
         """Weight of every value; pairs with large residuals have less weight (Cauchy)."""
-        return 1.0 / (1.0 + self._each(residual) / self.settings.odd**2)
+        weights = 1.0 / (1.0 + self._each(residual) / self.settings.odd**2)
+        return np.repeat(weights, self.whiten.shape[1])
 
-    def loss(self, predicted: Array) -> float:
+    def loss(self, residual: Array) -> float:
         """Loss that a fit minimises, with little influence of outliers (Cauchy)."""
-        settings = self.settings
-        each = self._each(self.residual(predicted))
-        return float(settings.odd**2 * np.log1p(each / settings.odd**2).sum())
+        odd, width = self.settings.odd, self.whiten.shape[1]
+        return float(width * odd**2 * np.log1p(self._each(residual) / odd**2).sum())
 
-    def cost(self, predicted: Array) -> float:
+    def cost(self, residual: Array) -> float:
         """Sum of squared residuals, linear for outliers (Huber)."""
-        settings = self.settings
-        size = np.sqrt(self._each(self.residual(predicted)))
-        share = np.minimum(1.0, settings.off / np.maximum(size, settings.off))
-        return float((share * (2.0 - share) * size**2).sum())
+        off, size = self.settings.off, np.sqrt(self._each(residual))
+        share = np.minimum(1.0, off / np.maximum(size, off))
+        return float(self.whiten.shape[1] * (share * (2.0 - share) * size**2).sum())
 
-    def typical(self, predicted: Array) -> float:
+    def typical(self, residual: Array) -> float:
         """Median squared residual of the pairs that have moved [variances]; 0 if they are few."""
-        settings = self.settings
-        pairs = len(self.whiten)
-        moved = (self.apply(self.values).reshape(pairs, -1) ** 2).mean(axis=1) > settings.moved
-        left = (self.residual(predicted).reshape(pairs, -1) ** 2).mean(axis=1)
-        return float(np.median(left[moved])) if moved.sum() >= settings.several else 0.0
+        moved = self.moved
+        few = moved.sum() < self.settings.several
+        return 0.0 if few else float(np.median(self._each(residual)[moved]))
 
     def _each(self, residual: Array) -> Array:
-        """For every value the mean squared residual of its pair, shape (V·W,)."""
+        """Mean squared residual of each pair, shape (V,)."""
         each = residual.reshape(len(self.whiten), -1)
-        return np.repeat((each**2).mean(axis=1), each.shape[1])
+        return np.einsum("vw,vw->v", each, each) / self.whiten.shape[1]
 
     @property
     def count(self) -> int:
@@ -99,23 +106,27 @@ class Explained:
     whole: Array
 
     @cached_property
+    def residual(self) -> Array:
+        """See `Shifts.residual`."""
+        return self.shifts.residual(self.predicted)
+
+    @cached_property
     def loss(self) -> float:
         """See `Shifts.loss`."""
-        return self.shifts.loss(self.predicted)
+        return self.shifts.loss(self.residual)
 
     @cached_property
     def cost(self) -> float:
         """See `Shifts.cost`."""
-        return self.shifts.cost(self.predicted)
+        return self.shifts.cost(self.residual)
 
     @cached_property
     def typical(self) -> float:
         """See `Shifts.typical`."""
-        return self.shifts.typical(self.predicted)
+        return self.shifts.typical(self.residual)
 
     @cached_property
     def normal(self) -> tuple[Array, Array]:
         """Information matrix (12, 12) and gradient (12,) of the unknowns."""
-        residual = self.shifts.residual(self.predicted)
-        weighted = self.whole * self.shifts.weights(residual)
-        return weighted @ self.whole.T, weighted @ residual
+        weighted = self.whole * self.shifts.weights(self.residual)
+        return weighted @ self.whole.T, weighted @ self.residual
