@@ -42,7 +42,7 @@ class AtRest:
     share: displacement of the inner layer over that of the outer one; None if unknown
     flat: pixels that show the noise next to the markers, see `flat_blocks`
     edge: edge of the field, for the markers (M, 2)
-    skin: unevenness of the skin under each pair
+    skin: unevenness of the skin around each pair; None for an even skin
     """
 
     settings: FitSettings
@@ -58,7 +58,7 @@ class AtRest:
     share: float | None
     flat: NDArray[np.intp]
     edge: Edge
-    skin: Skin
+    skin: Skin | None
 
     def lost(self, visible: Mask) -> int:
         """Number of markers that were present at rest and are not visible."""
@@ -124,7 +124,8 @@ def fit_rest(
     covariance = np.mean([each.covariance for each in fits], axis=0) / len(frames)
     found = PairFits(state, misfit, covariance)
     flat = flat_blocks(frames, settings.compression)
-    return _at_rest(rest, palette, settings, fit, found, flat, uneven), found
+    skin = skin_of(fit, state.fits, settings.skin) if uneven else None
+    return _at_rest(rest, palette, settings, fit, found, flat, skin), found
 
 
 def _stray(fits: PairFits, settings: FitSettings) -> Mask:
@@ -176,7 +177,7 @@ def _at_rest(
     fit: PairFit,
     found: PairFits,
     flat: NDArray[np.intp],
-    uneven: bool,
+    skin: Skin | None,
 ) -> AtRest:
     """Collect the results of the fit at rest."""
     sensor = palette.sensor
@@ -194,7 +195,7 @@ def _at_rest(
         share=None if sensor is None else sensor.follow[-1] / sensor.follow[0],
         flat=flat,
         edge=Edge.of_rest(rest, palette, found.state.fits[..., :2]),
-        skin=skin_of(fit, found.state.fits, uneven, settings.skin),
+        skin=skin,
     )
 
 

@@ -68,8 +68,8 @@ def is_uneven(fit: PairFit, found: PairFits, rest: RestFrame, settings: SkinSett
     return bool(np.quantile(abs(ratio - np.median(ratio)), 0.9) > settings.uneven)
 
 
-def skin_of(fit: PairFit, fits: Array, uneven: bool, settings: SkinSettings) -> Skin:
-    """Measure the unevenness of the light around the pairs, at parameters (M, 2, 5), if any."""
+def skin_of(fit: PairFit, fits: Array, settings: SkinSettings) -> Skin:
+    """Measure the unevenness of the light around the pairs, at parameters (M, 2, 5)."""
     ground, radius = np.minimum(fit.optics.ground, 1.0), float(fit.radius[0])
     skin = ground[..., 0] > 0.0
     log = np.log(np.maximum(ground, _DARK)) * skin[..., None]
@@ -79,7 +79,7 @@ def skin_of(fit: PairFit, fits: Array, uneven: bool, settings: SkinSettings) -> 
     x, y = np.rint(fits[:, 0, :2]).astype(int).T
     unevenness = np.sqrt(variance[np.clip(y, 0, height - 1), np.clip(x, 0, breadth - 1)])
     return Skin(
-        unevenness=unevenness if uneven else np.zeros_like(unevenness),
+        unevenness=unevenness,
         width=fit.optics.width,
         radius=fit.radius,
         settings=settings,

@@ -266,12 +266,15 @@ def _tracks(known: AtRest, memory: Memory, frame: Frame, look: Look, ambiguous: 
     layers, fit, visible = known.layers, look.fits, look.visible
     fits, covariance = fit.state.fits.copy(), fit.covariance.copy()
     log_size, spread = np.empty((2, len(fits))), np.ones((len(fits), 6))
-    offset = (fits - known.state.fits)[..., :2]
-    moved = np.linalg.norm(np.where(visible[..., None], offset, 0.0), axis=2).max(axis=1)
+    doubt = np.zeros((len(fits), 6))
     factor = _compression(known, frame.image, fit)
-    if factor > 1.0:
-        spread = deviations(factor, moved, known.settings.compression)
-    doubt = known.skin.variances(moved)
+    if factor > 1.0 or known.skin is not None:
+        offset = (fits - known.state.fits)[..., :2]
+        moved = np.linalg.norm(np.where(visible[..., None], offset, 0.0), axis=2).max(axis=1)
+        if factor > 1.0:
+            spread = deviations(factor, moved, known.settings.compression)
+        if known.skin is not None:
+            doubt = known.skin.variances(moved)
     # Sizes of touching markers depend on the light between them, which is less certain.
     doubt[:, 2::3] += (known.settings.touching_size**2 * look.touching)[:, None]
     report(

@@ -39,11 +39,10 @@ from .pixel_kernels import (
     X,
     Y,
     extents_of,
-    invert,
     middle_of,
     model_pixels,
+    outline,
     row_at,
-    stretch,
 )
 from .shade_kernels import shade
 
@@ -222,11 +221,7 @@ def light_sums(
     values, extents = np.empty(5), extents_of(optics, fits)
     runs = np.empty((ROWS, 3), dtype=np.int64)
     for m in range(fits.shape[0]):
-        for k in range(2):
-            stretch(optics.shapes[k, m], fits[m, k], shapes[k])
-            invert(shapes[k], inverses[k])
-            outlines[k, 0] = fits[m, k, :2]
-            outlines[k, 1:] = shapes[k].T
+        outline(optics, fits, m, shapes, inverses, outlines)
         count, padded = gather(
             image, optics, present[m], fits[m], gains[m], slopes[m], shapes, inverses, stride,
             box, runs, buffer,

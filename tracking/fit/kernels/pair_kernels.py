@@ -37,6 +37,7 @@ from .pixel_kernels import (
     extents_of,
     invert,
     model_pixels,
+    outline,
     stretch,
 )
 from .shade_kernels import shade
@@ -175,11 +176,7 @@ def fit_step(
             pool.counts[m, 0] = 0
         if not (present[m, 0] or present[m, 1]):
             continue
-        for k in range(2):
-            stretch(optics.shapes[k, m], fits[m, k], shapes[k])
-            invert(shapes[k], inverses[k])
-            outlines[k, 0] = fits[m, k, :2]
-            outlines[k, 1:] = shapes[k].T
+        outline(optics, fits, m, shapes, inverses, outlines)
         count, padded = gather(
             image, optics, present[m], fits[m], gains[m], slopes[m], shapes, inverses, stride,
             box, runs, buffer,

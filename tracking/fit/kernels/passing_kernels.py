@@ -21,10 +21,9 @@ from .pixel_kernels import (
     X,
     Y,
     extents_of,
-    invert,
     model_pixels,
+    outline,
     row_at,
-    stretch,
 )
 from .shade_kernels import shade
 
@@ -59,10 +58,7 @@ def passing(
     for m in range(fits.shape[0]):
         if not (present[m, 0] or present[m, 1]):
             continue
-        for k in range(2):
-            stretch(optics.shapes[k, m], fits[m, k], shapes[k])
-            invert(shapes[k], inverses[k])
-            outlines[k, 0], outlines[k, 1:] = fits[m, k, :2], shapes[k].T
+        outline(optics, fits, m, shapes, inverses, outlines)
         count, padded = gather(
             image, optics, present[m], fits[m], even, slopes, shapes, inverses, 1, box, runs, buffer
         )

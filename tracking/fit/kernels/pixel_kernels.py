@@ -350,6 +350,18 @@ def stretch(nominal: Array, fit: Array, out: Array) -> None:
 
 
 @njit()
+def outline(
+    optics: Any, fits: Array, m: int, shapes: Array, inverses: Array, outlines: Array
+) -> None:
+    """Compute shapes of a pair's markers, their inverses (2, 2, 2), and (c, a₁, a₂), (2, 3, 2)."""
+    for k in range(2):
+        stretch(optics.shapes[k, m], fits[m, k], shapes[k])
+        invert(shapes[k], inverses[k])
+        outlines[k, 0] = fits[m, k, :2]
+        outlines[k, 1:] = shapes[k].T
+
+
+@njit()
 def invert(a: Array, out: Array) -> None:
     """Inverse of a 2 × 2 matrix."""
     det = a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
