@@ -101,9 +101,6 @@ class ContactReading:
         # A layer on the core does not move.
         moving = np.array(layer_depths(sensor, dome)) < (1.0 - ON_CORE) * dome.thickness
         self._moving = np.repeat(moving, 3)
-        crooked = 1e-3 * sensor.defects.crookedness_mm / (2.0 * float(sensor.half_sizes.max()))
-        self._typical = settings.median_misfit + settings.median_misfit_slope * crooked
-        self._both = settings.both_misfits + settings.both_misfits_slope * crooked
         # They depend on the dome alone: made here, the first frame of a contact is not late.
         self._presses = light_presses(self._fit, settings.starts)
         self.reset()
@@ -240,13 +237,13 @@ class ContactReading:
         return True
 
     def _unlike(self, solution: Solution) -> bool:
-        """Whether an object is hollow or an edge, or contradicts most markers near it."""
+        """Whether an object is hollow or an edge, or contradicts markers near it."""
         settings = self._settings
         along_x, along_y, mixed = solution.object_[CURVES] * self.dome.radius
         mean, half = 0.5 * (along_x + along_y), math.hypot(0.5 * (along_x - along_y), mixed)
         own = np.diag(solution.covariance)[MOVING:][CURVES][:2].max()
         doubt = self.dome.radius * math.sqrt(own)  # a light touch hardly shows a shape
-        if solution.typical > self._typical or solution.typical * solution.misfit > self._both:
+        if solution.odd_misfit > settings.unlike:
             return True
         # A hollow may be a soft plane: reject it only if the fit is bad.
         shaped = mean - half < settings.hollow - doubt or mean + half > settings.edge + doubt

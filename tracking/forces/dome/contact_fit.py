@@ -215,7 +215,7 @@ class ContactFit:
             covariance=max(1.0, misfit) * inverse * np.outer(self.units, self.units),
             cost=self._cost.of([each.loss for each in explained], object_, poses),
             misfit=misfit,
-            typical=float(np.median([each.typical for each in explained])),
+            odd_misfit=_odd_misfit(explained),
         )
 
     def last_of(self, solution: Solution) -> Followed:
@@ -364,3 +364,9 @@ def _seen_as(explained: Sequence[Explained], seen: list[Array]) -> list[Explaine
 def _losses(shifts: list[Shifts], seen: list[Array]) -> list[float]:
     """Loss of each key frame for predicted shifts."""
     return [frame.loss(frame.residual(each)) for frame, each in zip(shifts, seen, strict=True)]
+
+
+def _odd_misfit(explained: list[Explained]) -> float:
+    """Median over the key frames in which enough pairs have moved; 0 if there is none."""
+    each = [one.odd_misfit for one in explained if not math.isnan(one.odd_misfit)]
+    return float(np.median(each)) if each else 0.0

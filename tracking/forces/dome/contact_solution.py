@@ -31,7 +31,7 @@ class Solution:
     covariance: covariance of the pose in the last key frame and the object, shape (12, 12)
     cost: minimised cost
     misfit: mean squared residual of the shifts [variances], with reduced weight of outliers
-    typical: median squared residual of the pairs that have moved [variances]
+    odd_misfit: squared residual that most pairs that have moved stay below [variances]
     """
 
     object_: Array
@@ -43,7 +43,7 @@ class Solution:
     covariance: Array
     cost: float
     misfit: float
-    typical: float
+    odd_misfit: float
 
 
 @dataclass(frozen=True, kw_only=True)

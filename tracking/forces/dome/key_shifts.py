@@ -1,5 +1,6 @@
 """Whitened shifts of the markers in a frame, and their comparison with a contact."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -65,11 +66,12 @@ class Shifts:
         share = np.minimum(1.0, off / np.maximum(size, off))
         return float(self.whiten.shape[1] * (share * (2.0 - share) * size**2).sum())
 
-    def typical(self, residual: Array) -> float:
-        """Median squared residual of the pairs that have moved [variances]; 0 if they are few."""
-        moved = self.moved
-        few = moved.sum() < self.settings.several
-        return 0.0 if few else float(np.median(self._each(residual)[moved]))
+    def odd_misfit(self, residual: Array) -> float:
+        """Squared residual that most pairs that have moved stay below [variances]; NaN: too few."""
+        settings, moved = self.settings, self.moved
+        if moved.sum() < settings.several:
+            return math.nan
+        return float(np.percentile(self._each(residual)[moved], settings.odd_percent))
 
     def _each(self, residual: Array) -> Array:
         """Mean squared residual of each pair, shape (V,)."""
@@ -121,9 +123,9 @@ class Explained:
         return self.shifts.cost(self.residual)
 
     @cached_property
-    def typical(self) -> float:
-        """See `Shifts.typical`."""
-        return self.shifts.typical(self.residual)
+    def odd_misfit(self) -> float:
+        """See `Shifts.odd_misfit`."""
+        return self.shifts.odd_misfit(self.residual)
 
     @cached_property
     def normal(self) -> tuple[Array, Array]:

@@ -84,13 +84,16 @@ class ShiftSettings:
     odd: RMS residual of a pair at which its weight in a fit is half [standard deviations]
     off: RMS residual above which the cost of a pair grows linearly [standard deviations]
     moved: mean square of a pair's shifts above which it has moved [variances]
-    several: number of moved pairs below which their median residual counts as 0
+    several: smallest number of moved pairs that show an unlike object
+    odd_percent: share of the moved pairs below `odd_misfit` [%]: an unlike object contradicts some
+        of them, a few are outliers of any specimen
     """
 
     odd: float = 1.5
     off: float = 2.0
     moved: float = 25.0
-    several: int = 12
+    several: int = 6
+    odd_percent: float = 80.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,11 +151,8 @@ class ContactSettings:
     untouched: cost of the shifts below which nothing touches
     explained: decrease of the cost that a contact must achieve; noise hides lighter touches
     misfit: largest misfit of a solution; above it the frame is refused
-    median_misfit: largest median squared residual of the moved pairs (a few pairs of any specimen
-        are outliers), for aligned markers
-    median_misfit_slope: its increase per misalignment over marker size, as misaligned markers are
-        tracked less well
-    both_misfits, both_misfits_slope: such limits for the product of median and mean
+    unlike: largest `odd_misfit` of a solution; objects of two curvatures stay below it, whatever
+        the specimen
     hollow, edge: smallest and largest curvature of a smooth, convex object, times the radius
     shaped_misfit: misfit above which an object beyond them is rejected
     same: mean squared change of the shifts below which a refused frame counts as unchanged
@@ -180,10 +180,7 @@ class ContactSettings:
     untouched: float = 100.0
     explained: float = 60.0
     misfit: float = 2.0
-    median_misfit: float = 0.25
-    median_misfit_slope: float = 2.4
-    both_misfits: float = 0.06
-    both_misfits_slope: float = 4.0
+    unlike: float = 0.33
     hollow: float = -0.2
     edge: float = 4.5
     shaped_misfit: float = 0.8

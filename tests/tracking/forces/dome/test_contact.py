@@ -20,7 +20,7 @@ from chromagrip.model import (
     simulate_contact,
 )
 from chromagrip.model.dome import Stepper, resting
-from chromagrip.model.shapes import Shape, ball, cylinder, plane
+from chromagrip.model.shapes import Shape, ball, box, cylinder, plane
 from chromagrip.render import load_sensor
 from chromagrip.tracking import (
     ContactSettings,
@@ -44,9 +44,17 @@ GRIP = 3.0
 
 @lru_cache(maxsize=8)
 def grasped(
-    solid: Solid, azimuth: float, margin: float, frames: int = 24, torque: float = 0.0
+    solid: Solid,
+    azimuth: float,
+    margin: float,
+    frames: int = 24,
+    torque: float = 0.0,
+    pose: tuple[float, ...] = (0.0,) * 6,
 ) -> tuple[DomeState, ...]:
-    """States of a grip and then a load that leaves a margin, with a torque [N·m], one a frame."""
+    """States of a grip and then a load that leaves a margin, with a torque [N·m], one a frame.
+
+    The pose, its place [m] and rotation vector, is that of the object as it touches.
+    """
     load = (1.0 - margin) * solid.friction * GRIP
     loads = np.zeros((4, 6))
     loads[1:, 2] = -GRIP
@@ -54,7 +62,7 @@ def grasped(
     loads[2:, 5] = torque
     motion = Motion(
         times=np.array([0.0, 0.2, 0.6, 0.7]),
-        poses=np.zeros((4, 6)),
+        poses=np.tile(pose, (4, 1)),
         free=("x", "y", "z", "rz") if torque else ("x", "y", "z"),
         drag=(2.0, 2.0, 25.0, 0.0, 0.0, 1e-4 if torque else 0.0),
         loads=loads,
@@ -194,6 +202,18 @@ def test_two_contacts_are_refused() -> None:
         reading.update(drawn(linear))
 
 
+@pytest.mark.parametrize(
+    "pose",
+    [(0.0, 0.0, 0.0, 0.0, math.pi / 4, 0.0), (9e-3, 6e-3, 0.0, 0.0, 0.0, 0.4)],
+    ids=["edge", "beside"],
+)
+def test_an_edge_is_refused(pose: tuple[float, ...]) -> None:
+    """A box on its edge, and one whose edge passes beside the middle of the contact."""
+    solid = Solid(shape=box(24e-3, rounding=0.4e-3), friction=0.6)
+    with pytest.raises(NoEstimateError, match="no contact of a smooth, convex object"):
+        read(grasped(solid, 0.4, 0.2, pose=pose))
+
+
 def test_the_same_frames_give_the_same_field_and_reset_forgets() -> None:
     states = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)[:8]
     one, other = read(states), read(states)
@@ -233,6 +253,8 @@ def test_the_object_is_refitted_as_often_as_the_settings_say() -> None:
     def counts(settings: ContactSettings) -> tuple[int, int]:
         drawn = Drawn(DESIGN, DOME)
         rest = drawn(np.zeros_like(states[0].linear))
+        # Without refits the object stays wrong, and would be refused as unlike.
+        settings = replace(settings, unlike=math.inf)
         reading = ContactReading(sensor_as_designed(SENSOR), rest, settings)
         fit, telling, refits = reading._fit, [], []
         hold = fit.hold

@@ -1,6 +1,10 @@
 """Shifts of a key frame, and a contact's derivatives on the way to it."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from chromagrip.model.dome import PosedContact
@@ -42,6 +46,21 @@ def test_the_gradient_is_that_of_the_loss() -> None:
         ends = [explained(predicted + sign * small * slope).loss for sign in (1.0, -1.0)]
         np.testing.assert_allclose(gradient[k], -(ends[0] - ends[1]) / (4.0 * small), rtol=1e-5)
     assert np.linalg.eigvalsh(information).min() > -1e-9
+
+
+def test_a_few_outliers_do_not_make_an_object_unlike_and_no_verdict_is_built_on_a_few_pairs() -> (
+    None
+):
+    whiten, none = np.tile(np.eye(3, 6), (20, 1, 1)), np.zeros((20, 6))
+    shifts = Shifts(values=np.full((20, 6), 10.0), whiten=whiten, used=np.ones(20, bool))
+
+    def odd(residual: Array) -> float:
+        return shifts.odd_misfit(np.repeat(residual, 3))
+
+    assert odd(np.r_[np.full(3, 30.0), np.full(17, 0.1)]) == pytest.approx(0.01)
+    assert odd(np.r_[np.full(6, 1.0), np.full(14, 0.1)]) == pytest.approx(1.0)
+    few = replace(shifts, values=np.where(np.arange(20)[:, None] < 5, 10.0, none))
+    assert math.isnan(few.odd_misfit(np.ones(60)))
 
 
 def test_a_solved_contact_has_the_changes_of_one_that_is_solved_again() -> None:
