@@ -6,7 +6,7 @@ The object and the poses of a few key frames are fitted together, over the whole
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,17 @@ Array = NDArray[np.float64]
 
 #: Indices of the last pose and the object among the unknowns of several key frames.
 _LAST = np.r_[-MOVING:0, 0 : len(OBJECT)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Point:
+    """An object and its poses in a fit, with the contact and the shifts of all pairs in each."""
+
+    object_: Array
+    poses: Array
+    contacts: list[PosedContact]
+    seen: list[Array]
+    cost: float
 
 
 class ContactFit:
@@ -78,40 +89,57 @@ class ContactFit:
         poses = limited_pose(self.dome, np.stack([key.pose for key in keys]), settings.model)
         shifts = [key.shifts for key in keys]
         damping = 1e-3
-        contacts, seen = self._predicted(object_, poses)
-        explained, slopes, changes = self._explained(object_, poses, shifts, contacts, seen)
-        cost = self._cost.of([each.loss for each in explained], object_, poses)
-        information, gradient = self._cost.normal(explained, object_, poses)
+        at = self._point(object_, poses, shifts)
+        explained, slopes, changes = self._explained(at, shifts)
         known = math.inf if rival_of is None else rival_of.cost
         for turn in range(rounds):
-            if (
-                turn >= settings.promising_rounds
-                and cost - gradient @ np.linalg.solve(information, gradient) > known
-            ):
-                break
-            damped = information + damping * np.diag(np.diag(information))
-            step = np.asarray(np.linalg.solve(damped, gradient), np.float64)
-            step *= min(1.0, 1.0 / self._length(step))
-            tried = self._moved(object_, poses, step)
-            try:
-                reached, seen = self._predicted(*tried, contacts)
-            except UserError:
-                damping = max(10.0 * damping, 1e-2)
-                continue
-            after = self._cost.of(_losses(shifts, seen), *tried)
-            if after >= cost:
+            if turn >= settings.promising_rounds:
+                information, gradient = self._cost.normal(explained, at.object_, at.poses)
+                if at.cost - gradient @ np.linalg.solve(information, gradient) > known:
+                    break
+            better = self._better(at, explained, damping)
+            if better is None:
                 damping *= 10.0
                 if damping > 1e3:
                     break
                 continue
-            gain, cost, (object_, poses) = cost - after, after, tried
+            gain, at = at.cost - better.cost, better
             damping = max(0.1 * damping, 1e-6)
-            contacts = reached
-            explained, slopes, changes = self._explained(object_, poses, shifts, contacts, seen)
-            information, gradient = self._cost.normal(explained, object_, poses)
+            explained, slopes, changes = self._explained(at, shifts)
             if gain < settings.least_gain:
                 break
-        return self._solution(object_, poses, explained, contacts[-1], changes, slopes)
+        return self._solution(at.object_, at.poses, explained, at.contacts[-1], changes, slopes)
+
+    def _better(self, at: "_Point", explained: list[Explained], damping: float) -> "_Point | None":
+        """Best point after a damped step and its corrections; None if no point is better.
+
+        The corrections have the same derivatives, as in Shamanskii's method. A soft object pressed
+        deep shows almost the same shifts as a stiffer one pressed less: the cost has a narrow,
+        bent valley, and single steps leave it before they have gone far.
+        """
+        shifts = [each.shifts for each in explained]
+        best, there = at, at
+        for _ in range(1 + self._settings.corrections):
+            information, gradient = self._cost.normal(explained, there.object_, there.poses)
+            damped = information + damping * np.diag(np.diag(information))
+            step = np.asarray(np.linalg.solve(damped, gradient), np.float64)
+            step *= min(1.0, 1.0 / self._length(step))
+            tried = self._moved(there.object_, there.poses, step)
+            try:
+                after = self._point(*tried, shifts, there.contacts)
+            except UserError:
+                break
+            first = there is at
+            if not first and after.cost >= there.cost:
+                break
+            slow = there.cost - after.cost < self._settings.slow * (at.cost - after.cost)
+            there = after
+            if there.cost < best.cost:
+                best = there
+                if not first and slow:
+                    break
+            explained = _seen_as(explained, there.seen)
+        return None if best is at else best
 
     def hold(self, last: Solution, keys: tuple[Key, ...], now: Followed) -> tuple[Solution, bool]:
         """Add a key frame with the same object; also return whether to refit the object.
@@ -296,6 +324,18 @@ class ContactFit:
         """Derivatives of predicted shifts by each of C unknowns, per unit of it, (C, P, 6)."""
         return self._response.along(changes.contact.nodes, changes.linear)
 
+    def _point(
+        self,
+        object_: Array,
+        poses: Array,
+        shifts: list[Shifts],
+        alike: list[PosedContact] | None = None,
+    ) -> "_Point":
+        """Predict the key frames for an object and its poses, see `_predicted`."""
+        contacts, seen = self._predicted(object_, poses, alike)
+        cost = self._cost.of(_losses(shifts, seen), object_, poses)
+        return _Point(object_=object_, poses=poses, contacts=contacts, seen=seen, cost=cost)
+
     def _predicted(
         self, object_: Array, poses: Array, alike: list[PosedContact] | None = None
     ) -> tuple[list[PosedContact], list[Array]]:
@@ -316,20 +356,17 @@ class ContactFit:
         return contacts, seen
 
     def _explained(
-        self,
-        object_: Array,
-        poses: Array,
-        shifts: list[Shifts],
-        contacts: list[PosedContact],
-        seen: list[Array],
+        self, at: "_Point", shifts: list[Shifts]
     ) -> tuple[list[Explained], Array, Changes]:
-        """Predict the key frames; also return derivatives (12, P, 6) and changes of the last."""
-        contact, before = self._way.untouched(object_), np.zeros(MOVING)
+        """Explain the key frames; also return derivatives (12, P, 6) and changes of the last."""
+        contact, before = self._way.untouched(at.object_), np.zeros(MOVING)
         changes: Changes | None = None
         explained = []
-        for frame, pose, reached, predicted in zip(shifts, poses, contacts, seen, strict=True):
+        for frame, pose, reached, predicted in zip(
+            shifts, at.poses, at.contacts, at.seen, strict=True
+        ):
             contact, changes = self._way.step_and_changes(
-                contact, changes, object_, before, pose, alike=reached, solved=True
+                contact, changes, at.object_, before, pose, alike=reached, solved=True
             )
             before, slopes = pose, self._slopes(changes)
             explained.append(_explained(frame, predicted, slopes))

@@ -108,9 +108,9 @@ def limited_object(
 def limited_pose(
     dome: Dome, pose: Array, model: ContactModelSettings = ContactModelSettings()
 ) -> Array:
-    """Clip poses (…, 4) to presses that the silicone model describes."""
+    """Clip poses (…, 4) to plausible presses."""
     out = pose.copy()
-    out[..., PRESS] = np.minimum(out[..., PRESS], model.deepest * dome.thickness)
+    out[..., PRESS] = np.minimum(out[..., PRESS], model.farthest * dome.thickness)
     return out
 
 

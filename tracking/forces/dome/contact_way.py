@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....model import Dome, Solid
-from ....model.dome import PosedContact, PosedContacts, together
+from ....model.dome import PosedContact, PosedContacts, lattice, together
+from ....model.errors import ConvergenceError
 from .contact_state import MOVING, OBJECT, PRESS, UNKNOWNS, poses_of, solid_of, units_of
 from .settings import ContactModelSettings
 
@@ -82,7 +83,7 @@ class ContactWay:
         Raises
         ------
         ConvergenceError
-            When the contact has no solution near the one before.
+            When the contact has no solution near the one before, and where it is too deep.
         """
         solid = self._solids_of(object_)[0]
         contact = self._look(contact, solid, object_, after)
@@ -90,6 +91,10 @@ class ContactWay:
             pose = poses_of(self.dome, object_[None], there[None])
             near = alike if there is after else None
             contact = self._contacts.step(contact, solid, pose[0][0], pose[1][0], near)
+        outwards = lattice(self.dome).outwards[contact.nodes]
+        depths = -np.einsum("ij,ij->i", contact.displacement, outwards)
+        if depths.max(initial=0.0) > self._model.deepest * self.dome.thickness:
+            raise ConvergenceError("the object is pressed deeper than the silicone is described")
         return contact
 
     def step_and_changes(

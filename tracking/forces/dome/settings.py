@@ -21,7 +21,8 @@ class ContactModelSettings:
     shift_per_press: prior standard deviation of a shift over the press
     hollow: prior standard deviation of a negative curvature, times the dome's radius: gripped
         objects are rarely hollow, and a soft plane shows almost the same markers as a stiff hollow
-    deepest: deepest press over the thickness of the silicone
+    farthest: largest press of silicone and object together, over the thickness of the silicone
+    deepest: deepest press of the silicone, over its thickness
     flattest, sharpest: bounds of curvature times the dome's radius; deeper hollows fit nowhere
     longest_part: longest part of a step over the thickness; shorter parts follow friction better
     most_parts: largest number of parts
@@ -32,7 +33,8 @@ class ContactModelSettings:
     light_shift: float = 0.02
     shift_per_press: float = 0.6
     hollow: float = 0.1
-    deepest: float = 0.75
+    farthest: float = 2.0
+    deepest: float = 0.9
     flattest: float = -0.9
     sharpest: float = 8.0
     longest_part: float = 0.08
@@ -48,11 +50,14 @@ class ContactFitSettings:
     ----------
     least_gain: gain of a round below which the fit ends
     promising_rounds: rounds of a rival after which its expected cost decides whether it goes on
+    corrections: steps that follow a step of a round, with its derivatives; these cost several times
+        as much as the contacts themselves
     chord_rounds: rounds with the derivatives of an earlier solution
     chord_reach: distance from that solution, over the longest step, above which they no longer hold
     follow_steps: largest number of steps of a pose from frame to frame
     follow_gain: expected gain below which a pose stays as it is
-    slow: share of the previous gain above which derivatives are computed again
+    slow: share of the previous gain above which derivatives of a followed pose are computed again,
+        and share of a round's gain below which a correction is its last
     small_change: change of ln ΣFn, ln µ and Γ below which the object is not refitted; it is small
         against errors of silicone and friction law
     unsure_share: such a change as a share of the standard deviations of ln ΣFn, ln µ and Γ
@@ -63,6 +68,7 @@ class ContactFitSettings:
 
     least_gain: float = 0.3
     promising_rounds: int = 2
+    corrections: int = 4
     chord_rounds: int = 3
     chord_reach: float = 0.25
     follow_steps: int = 4
