@@ -31,7 +31,7 @@ class Solution:
     covariance: covariance of the pose in the last key frame and the object, shape (12, 12)
     cost: minimised cost
     misfit: mean squared residual of the shifts [variances], with reduced weight of outliers
-    odd_misfit: squared residual that most pairs that have moved stay below [variances]
+    odd_misfit: see `Shifts.odd_misfit`; median of the key frames [variances]
     """
 
     object_: Array

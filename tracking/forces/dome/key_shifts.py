@@ -67,11 +67,16 @@ class Shifts:
         return float(self.whiten.shape[1] * (share * (2.0 - share) * size**2).sum())
 
     def odd_misfit(self, residual: Array) -> float:
-        """Squared residual that most pairs that have moved stay below [variances]; NaN: too few."""
+        """Squared residual that most pairs that have moved stay below, above that of noise.
+
+        Noise is what the half of the pairs that moves less has; in variances. NaN: too few moved.
+        """
         settings, moved = self.settings, self.moved
         if moved.sum() < settings.several:
             return math.nan
-        return float(np.percentile(self._each(residual)[moved], settings.odd_percent))
+        each, motion = self._each(residual), self._each(self.seen)
+        noise = settings.over_median * np.median(each[motion <= np.median(motion)])
+        return float(np.percentile(each[moved], settings.odd_percent) - noise)
 
     def _each(self, residual: Array) -> Array:
         """Mean squared residual of each pair, shape (V,)."""

@@ -91,8 +91,9 @@ class ShiftSettings:
     off: RMS residual above which the cost of a pair grows linearly [standard deviations]
     moved: mean square of a pair's shifts above which it has moved [variances]
     several: smallest number of moved pairs that show an unlike object
-    odd_percent: share of the moved pairs below `odd_misfit` [%]: an unlike object contradicts some
-        of them, a few are outliers of any specimen
+    odd_percent: share of the moved pairs that counts for `odd_misfit` [%]: an unlike object
+        contradicts some of them, a few are outliers of any specimen
+    over_median: that percentile of noise alone, over its median
     """
 
     odd: float = 1.5
@@ -100,6 +101,7 @@ class ShiftSettings:
     moved: float = 25.0
     several: int = 6
     odd_percent: float = 80.0
+    over_median: float = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +188,7 @@ class ContactSettings:
     untouched: float = 100.0
     explained: float = 60.0
     misfit: float = 2.0
-    unlike: float = 0.33
+    unlike: float = 0.21
     hollow: float = -0.2
     edge: float = 4.5
     shaped_misfit: float = 0.8
