@@ -35,7 +35,7 @@ def screw(path: Path) -> shapes.Shape:
     faces = [(a, c, b), (b, c, d), (first, here[0], after[0]), (last, after[-1], here[-1])]
     corners = np.concatenate([np.column_stack(three) for three in faces])
     trimesh.Trimesh(1e3 * np.concatenate([points.reshape(-1, 3), ends]), corners).export(path)
-    return shapes.mesh_shape(path, scale=1e-3, cells=192)
+    return shapes.mesh(path, scale=1e-3, cells=192, centred=True)
 
 
 def rolled() -> model.Motion:

@@ -13,7 +13,7 @@ from benchmarks.model.meshes import MESHES
 from chromagrip.extras import missing
 from chromagrip.model import Dome, ModelError, Motion, Solid
 from chromagrip.model.dome import contact_steps
-from chromagrip.model.shapes import Shape, mesh_shape
+from chromagrip.model.shapes import Shape, mesh
 from chromagrip.output.report import Row, at_most, reported
 
 Array = NDArray[np.float64]
@@ -56,7 +56,8 @@ def bench_meshes(quick: bool) -> Iterator[Row]:
     counts = []
     for name in _QUICK if quick else MESHES:
         lying = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-        shape = mesh_shape(MESHES[name](), rotation=lying if name in _LYING else None)
+        turn = lying if name in _LYING else None
+        shape = mesh(MESHES[name](), scale=1e-3, rotation=turn, centred=True)
         for stiffness in _STIFFNESSES:
             for paths in _STEPS[:1] if quick else _STEPS:
                 solid = Solid(shape=shape, stiffness=stiffness)

@@ -1,9 +1,9 @@
 """Shapes of objects in three dimensions, as signed distances: formulas and triangle meshes."""
 
 from ..kernels.dome.distance_kernels import distance
-from .mesh import mesh_shape
 from .primitives import ball, box, capsule, cone, cylinder, plane, quadric, torus
 from .shape import Shape, distances, reach_down
+from .triangle_mesh import mesh
 
 __all__ = [
     "Shape",
@@ -14,7 +14,7 @@ __all__ = [
     "cylinder",
     "distance",
     "distances",
-    "mesh_shape",
+    "mesh",
     "plane",
     "quadric",
     "reach_down",

@@ -1,6 +1,6 @@
 """The shape of an object: its signed distance, and how far it reaches down when it is turned."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,9 @@ Array = NDArray[np.float64]
 class Shape:
     """A shape in its own frame, with what the kernel `distance` takes.
 
-    A fingertip's apex points to +z and the object lies above it. A plane fills z > 0; every other
-    shape has its centre at the origin. The arrays cannot be written.
+    A fingertip's apex points to +z and the object lies above it. A plane fills z > 0; a mesh has
+    the origin of its file, every other shape its centre at the origin. The arrays cannot be
+    written.
 
     Attributes
     ----------
@@ -93,6 +94,16 @@ def make_shape(
         low = [-support(shape, -axis) for axis in np.eye(3)]
         object.__setattr__(shape, "bounds", _kept([low, high]))
     return shape
+
+
+def moved(shape: Shape, by: ArrayLike) -> Shape:
+    """A mesh's shape whose origin is elsewhere: the shape is moved in its own frame by (3,) [m]."""
+    return replace(
+        shape,
+        origin=_kept(shape.origin + by),
+        bounds=_kept(shape.bounds + by),
+        corners=_kept(shape.corners + by),
+    )
 
 
 def _kept(values: ArrayLike) -> Array:

@@ -1,10 +1,12 @@
 """Triangle meshes as distance grids: against formulas, what is mended and what is refused."""
 
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from benchmarks.model import meshes
 from chromagrip import kept_arrays
@@ -13,6 +15,9 @@ from chromagrip.model import Dome, Solid, press_and_move, shapes, simulate_conta
 
 igl = pytest.importorskip("igl")
 trimesh = pytest.importorskip("trimesh")
+
+#: Meshes of these tests are in mm, and told from the middle of their box.
+mesh_shape = partial(shapes.mesh, scale=1e-3, centred=True)
 
 
 @pytest.fixture(autouse=True)
@@ -32,7 +37,7 @@ def near(mesh, spread: float, count: int = 1500) -> np.ndarray:
 @pytest.mark.parametrize("name", meshes.MESHES)
 def test_distances_and_signs_of_ten_meshes(name: str) -> None:
     mesh = meshes.MESHES[name]()
-    shape = shapes.mesh_shape(mesh, cells=48)
+    shape = mesh_shape(mesh, cells=48)
     assert shape.notes == ()
     p = near(mesh, 1.5 / shape.cells)
     vertices = (mesh.vertices - mesh.bounds.mean(axis=0)) * shape.cells * 1e-3
@@ -62,14 +67,14 @@ def test_distances_and_signs_of_ten_meshes(name: str) -> None:
 def test_a_fine_mesh_is_the_shape_it_was_made_of(name, same, error, turned) -> None:
     mesh = meshes.MESHES[name]()
     p = near(mesh, 0.2e-3)
-    gap, normal = shapes.distances(shapes.mesh_shape(mesh), p)
+    gap, normal = shapes.distances(mesh_shape(mesh), p)
     exact, direction = shapes.distances(same, p)
     assert np.abs(gap - exact).max() < error
     assert np.linalg.norm(normal - direction, axis=1).max() < turned
 
 
 def test_the_normal_is_the_slope_and_does_not_jump() -> None:
-    shape = shapes.mesh_shape(meshes.screw(), cells=48)
+    shape = mesh_shape(meshes.screw(), cells=48)
     start = np.array([2.2e-3, 0.3e-3, -5e-3])
     line = start + np.linspace(0.0, 1.0, 20001)[:, None] * np.array([1e-3, 1e-3, 9e-3])
     gap, normal = shapes.distances(shape, line)
@@ -81,7 +86,7 @@ def test_the_normal_is_the_slope_and_does_not_jump() -> None:
 
 
 def test_beyond_its_grid_a_mesh_tells_a_lower_bound() -> None:
-    shape = shapes.mesh_shape(meshes.ball(), cells=32)
+    shape = mesh_shape(meshes.ball(), cells=32)
     p = np.random.default_rng(2).uniform(-0.1, 0.1, (2000, 3))
     p = p[np.abs(p).max(axis=1) > 7e-3]
     gap, normal = shapes.distances(shape, p)
@@ -93,7 +98,7 @@ def test_beyond_its_grid_a_mesh_tells_a_lower_bound() -> None:
 
 
 def test_a_mesh_reaches_down_to_its_lowest_vertex() -> None:
-    shape = shapes.mesh_shape(meshes.corner(), cells=32)
+    shape = mesh_shape(meshes.corner(), cells=32)
     assert shape.reach_down() == pytest.approx(np.sqrt(3.0) * 4e-3)
     np.testing.assert_allclose(shape.bounds[0], -shape.bounds[1])
 
@@ -103,7 +108,7 @@ def test_meshes_with_sharp_edges_come_over_a_dome(no_kept: Path) -> None:
     dome = Dome(pitch=0.7e-3, reach=math.radians(45.0))
     lying = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     for name, turn in (("gear", lying), ("corner", None)):
-        shape = shapes.mesh_shape(meshes.MESHES[name](), rotation=turn, cells=64)
+        shape = mesh_shape(meshes.MESHES[name](), rotation=turn, cells=64)
         motion = press_and_move(
             0.4e-3, shift=(0.6e-3, 0.1e-3), twist=0.2, press_s=0.02, move_s=0.04
         )
@@ -116,7 +121,7 @@ def test_scale_and_pose() -> None:
     mesh = trimesh.creation.box(extents=(1.0, 2.0, 4.0))
     mesh.apply_translation([5.0, 0.0, 0.0])
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-    shape = shapes.mesh_shape(mesh, scale=1e-2, rotation=turn, cells=32)
+    shape = mesh_shape(mesh, scale=1e-2, rotation=turn, cells=32)
     np.testing.assert_allclose(shape.bounds[1], [0.02, 0.01, 0.005])
     gap, _ = shapes.distances(shape, [[0.0, 0.0, -0.006], [0.019, 0.0, 0.0]])
     np.testing.assert_allclose(gap, [1e-3, -1e-3], atol=3e-5)
@@ -125,23 +130,23 @@ def test_scale_and_pose() -> None:
 def test_a_grid_is_made_once(no_kept: Path, tmp_path: Path) -> None:
     path = tmp_path / "gear.stl"
     meshes.gear().export(path)
-    made = shapes.mesh_shape(path, cells=32)
+    made = mesh_shape(path, cells=32)
     (file,) = no_kept.iterdir()
     content = file.read_bytes()
-    again = shapes.mesh_shape(path, cells=32)
+    again = mesh_shape(path, cells=32)
     assert made.name == again.name == "gear.stl"
     for name in ("grid", "origin", "bounds", "corners"):
         assert getattr(made, name).tobytes() == getattr(again, name).tobytes()
     file.write_bytes(content[:1000])  # as after a full disk
-    assert shapes.mesh_shape(path, cells=32).grid.tobytes() == made.grid.tobytes()
-    shapes.mesh_shape(path, cells=24)
+    assert mesh_shape(path, cells=32).grid.tobytes() == made.grid.tobytes()
+    mesh_shape(path, cells=24)
     assert len([*no_kept.iterdir()]) == 2
 
 
 def test_only_the_grids_used_last_are_kept(no_kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kept_arrays, "MOST", 2)
     for cells in (16, 17, 18):
-        shapes.mesh_shape(meshes.corner(), cells=cells)
+        mesh_shape(meshes.corner(), cells=cells)
     assert len([*no_kept.iterdir()]) == 2
 
 
@@ -149,7 +154,7 @@ def test_where_nothing_can_be_kept_a_grid_is_made_each_time(
     no_kept: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     no_kept.parent.parent.write_text("no folder")
-    assert shapes.mesh_shape(meshes.corner(), cells=16).notes == ()
+    assert mesh_shape(meshes.corner(), cells=16).notes == ()
 
 
 @pytest.mark.parametrize(
@@ -162,10 +167,10 @@ def test_where_nothing_can_be_kept_a_grid_is_made_each_time(
     ],
 )
 def test_small_flaws_are_mended_and_said(spoil, note: str) -> None:
-    whole = shapes.mesh_shape(meshes.tube().convex_hull, cells=24)
+    whole = mesh_shape(meshes.tube().convex_hull, cells=24)
     flawed = meshes.tube().convex_hull
     spoil(flawed)
-    mended = shapes.mesh_shape(flawed, cells=24)
+    mended = mesh_shape(flawed, cells=24)
     assert any(note in one for one in mended.notes)
     p = np.random.default_rng(5).uniform(-4e-3, 4e-3, (2000, 3))
     gaps = [shapes.distances(shape, p)[0] for shape in (whole, mended)]
@@ -201,31 +206,31 @@ def _two_boxes():
 )
 def test_what_is_no_body_is_refused(make, words: str) -> None:
     with pytest.raises(UserError, match=words):
-        shapes.mesh_shape(make())
+        mesh_shape(make())
 
 
 def test_more_faces_than_can_be_meant_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("chromagrip.model.shapes.mesh.MOST_FACES", 1000)
+    monkeypatch.setattr("chromagrip.model.shapes.triangle_mesh.MOST_FACES", 1000)
     with pytest.raises(UserError, match="5120 faces, more than 1000; simplify it"):
-        shapes.mesh_shape(meshes.ball())
+        mesh_shape(meshes.ball())
 
 
 def test_a_file_that_is_no_mesh_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "part.stl"
     with pytest.raises(UserError, match=r"part\.stl: there is no such file"):
-        shapes.mesh_shape(path)
+        mesh_shape(path)
     path.write_text("hello")
     with pytest.raises(UserError, match=r"part\.stl: it "):
-        shapes.mesh_shape(path)
+        mesh_shape(path)
     with pytest.raises(UserError, match="must not mirror"):
-        shapes.mesh_shape(meshes.ball(), rotation=np.diag([1.0, 1.0, -1.0]))
+        mesh_shape(meshes.ball(), rotation=np.diag([1.0, 1.0, -1.0]))
     with pytest.raises(UserError, match="cells of a mesh must be an integer in"):
-        shapes.mesh_shape(meshes.ball(), cells=7)
+        mesh_shape(meshes.ball(), cells=7)
 
 
 def test_a_thin_mesh_says_so() -> None:
     sheet = trimesh.creation.box(extents=(20.0, 20.0, 0.5))
-    shape = shapes.mesh_shape(sheet, cells=48)
+    shape = mesh_shape(sheet, cells=48)
     assert "its thinnest side is only 1.2 cells of 0.42 mm" in shape.notes[0]
     assert shapes.distances(shape, [[0.0, 0.0, 0.0]])[0][0] < 0.0
 
@@ -259,5 +264,25 @@ def test_what_is_no_mesh_is_one_sentence(
     """Not a line of trimesh, whose log has tracebacks."""
     (tmp_path / name).write_text(text)
     with pytest.raises(UserError, match=f"mesh {tmp_path / name}"):
-        shapes.mesh_shape(tmp_path / name, cells=16)
+        mesh_shape(tmp_path / name, cells=16)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_mesh_keeps_the_origin_of_its_file(tmp_path: Path) -> None:
+    box = trimesh.creation.box((10e-3, 10e-3, 10e-3))
+    box.apply_translation((20e-3, 0.0, 5e-3))
+    path = tmp_path / "beside.stl"
+    box.export(path)
+    turn = Rotation.from_euler("y", 170.0, degrees=True).as_matrix()
+    for _ in range(2):  # made, and read from the cache
+        shape = shapes.mesh(path, cells=32)
+        np.testing.assert_allclose(shape.bounds, box.bounds, atol=1e-7)
+        gap, _ = shapes.distances(shape, [[20e-3, 0.0, 5e-3], [20e-3, 0.0, 11e-3]])
+        np.testing.assert_allclose(gap, [-5e-3, 1e-3], atol=2e-5)
+    turned = shapes.mesh(path, rotation=turn, cells=32)
+    middle = turn @ [20e-3, 0.0, 5e-3]
+    np.testing.assert_allclose(turned.bounds.mean(axis=0), middle, atol=1e-7)
+    assert turned.reach_down() == pytest.approx(-turned.bounds[0, 2])
+    centred = shapes.mesh(path, rotation=turn, cells=32, centred=True)
+    np.testing.assert_array_equal(centred.grid, turned.grid)
+    np.testing.assert_allclose(centred.bounds.mean(axis=0), 0.0, atol=1e-9)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..model.shapes import Shape, ball, box, capsule, cone, cylinder, mesh_shape, plane, torus
+from ..model.shapes import Shape, ball, box, capsule, cone, cylinder, mesh, plane, torus
 from .settings import ObjectSettings
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ def build_shape(settings: ObjectSettings) -> Shape:
     """
     if settings.mesh:
         unit = 1e-3 * settings.mesh_unit_mm
-        return mesh_shape(settings.mesh, scale=unit, cells=settings.mesh_cells)
+        return mesh(settings.mesh, scale=unit, cells=settings.mesh_cells, centred=True)
     if settings.shape == "ball":
         if settings.radius_mm < 0.0:
             raise UserError(

@@ -20,7 +20,7 @@ from ...model import (
     press_and_move,
     simulate_contact,
 )
-from ...model.shapes import Shape, ball, box, cylinder, mesh_shape
+from ...model.shapes import Shape, ball, box, cylinder, mesh
 from ...render import (
     DomeMap,
     Membrane,
@@ -146,7 +146,7 @@ def _two_balls() -> Shape:
     balls = [trimesh.creation.icosphere(subdivisions=3, radius=2.5) for _ in range(2)]
     for side, one in zip((-2.6, 2.6), balls, strict=True):
         one.apply_translation([side, 0.0, 0.0])
-    return mesh_shape(trimesh.util.concatenate(balls))
+    return mesh(trimesh.util.concatenate(balls), scale=1e-3, centred=True)
 
 
 #: Object, and motion on a dome by two factors, on the motion after the press and on the press.

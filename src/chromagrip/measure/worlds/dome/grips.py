@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from ....loop.dome_world import PRESS_DRAG
 from ....model import Dome, Motion, Solid
 from ....model.dome import solid_stiffness
-from ....model.shapes import Shape, ball, box, cylinder, mesh_shape, plane, torus
+from ....model.shapes import Shape, ball, box, cylinder, mesh, plane, torus
 
 Array = NDArray[np.float64]
 
@@ -164,9 +164,9 @@ def unlike_shape(rng: np.random.Generator, kind: str, radius: float) -> tuple[Sh
     angle, place = rng.uniform(0.0, math.pi), np.zeros(3)
     turn = Rotation.from_rotvec([0.0, 0.0, angle])
     if kind == "bumps":
-        shape = mesh_shape(_bumpy(radius), scale=1.0)
+        shape = mesh(_bumpy(radius), centred=True)
     elif kind == "two":
-        shape = mesh_shape(_pair(radius), scale=1.0)
+        shape = mesh(_pair(radius), centred=True)
     elif kind == "ring":
         shape = torus(0.35 * radius, 0.1 * radius)
         turn = Rotation.from_rotvec([math.pi / 2, 0.0, 0.0])

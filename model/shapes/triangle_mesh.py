@@ -14,7 +14,7 @@ from ...kept_arrays import content_key, keep, kept
 from ..checks import finite
 from ..kernels.dome.distance_kernels import GRID
 from .mesh_grid import spline_grid
-from .shape import Shape, make_shape
+from .shape import Shape, make_shape, moved
 
 Array = NDArray[np.float64]
 
@@ -23,19 +23,20 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 #: Folder of the user's cache; its grids are made anew when the version changes.
 KIND = "meshes"
-VERSION = "mesh grid 1"
+VERSION = "mesh grid 2"
 #: More faces are refused.
 MOST_FACES = 500_000
 
 
-def mesh_shape(
+def mesh(
     source: str | Path | Any,
     *,
-    scale: float = 1e-3,
+    scale: float = 1.0,
     rotation: ArrayLike | None = None,
     cells: int = 96,
+    centred: bool = False,
 ) -> Shape:
-    """Shape of a triangle mesh, centred at the middle of its box.
+    """Shape of a triangle mesh, with the origin of its file.
 
     Its signed distance is a cubic spline on a grid, so that the normal is smooth; edges are rounded
     by about a cell, which is the longest side over `cells`. The grid is kept in the user's cache by
@@ -44,9 +45,10 @@ def mesh_shape(
     Parameters
     ----------
     source: a file that trimesh reads (STL, OBJ, PLY, OFF …), or a `trimesh.Trimesh`
-    scale: metres in a unit of the mesh; by default it is in mm
+    scale: metres in a unit of the mesh: 1e-3 for a file in mm
     rotation: (3, 3) from the mesh's axes to the shape's; by default they are the same
     cells: of the grid along the longest side
+    centred: whether the origin is the middle of its turned box, instead of the file's
 
     Raises
     ------
@@ -66,18 +68,20 @@ def mesh_shape(
     path = Path(source) if isinstance(source, str | Path) else None
     given: Any = source
     with located("mesh" if path is None else f"mesh {path}"):
-        mesh = given.copy() if path is None else _read(trimesh, path)
-        vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+        read = given.copy() if path is None else _read(trimesh, path)
+        vertices, faces = np.asarray(read.vertices, float), np.asarray(read.faces, np.int64)
         _check(vertices, faces, scale)
         pose = np.array([scale, int(cells), *turn.ravel()])
         key = content_key(VERSION, vertices, faces, pose)
-        shape = _kept_shape(key)
-        if shape is None:
-            notes = _mend(trimesh, mesh)
-            _check_body(igl, mesh)
-            shape = _shape(igl, mesh, scale, turn, int(cells), notes)
-            _keep_shape(key, shape)
-    return replace(shape, name="mesh" if path is None else path.name)
+        found = _kept_shape(key)
+        if found is None:
+            notes = _mend(trimesh, read)
+            _check_body(igl, read)
+            found = _shape(igl, read, scale, turn, int(cells), notes)
+            _keep_shape(key, *found)
+    shape, middle = found
+    shape = replace(shape, name="mesh" if path is None else path.name)
+    return shape if centred else moved(shape, middle)
 
 
 def _rotation(rotation: ArrayLike | None) -> Array:
@@ -198,8 +202,11 @@ def _check_body(igl: Any, mesh: Any) -> None:
 
 def _shape(
     igl: Any, mesh: Any, scale: float, turn: Array, cells: int, notes: tuple[str, ...]
-) -> Shape:
-    """Shape of a mended mesh; what is kept of it is in single precision, and so it is here."""
+) -> tuple[Shape, Array]:
+    """Shape of a mended mesh around the middle of its box, and that middle in its axes [m], (3,).
+
+    What is kept of it is in single precision, and so it is here.
+    """
     from scipy.spatial import ConvexHull
 
     vertices, faces = _arrays(mesh)
@@ -214,7 +221,7 @@ def _shape(
     if sides.min() < thin * cell:
         thick = f"{sides.min() / cell:.2g} cells of {cell * 1e3:.2g} mm"
         notes = (*notes, f"its thinnest side is only {thick}; more cells show it better")
-    return make_shape(
+    shape = make_shape(
         "mesh",
         GRID,
         grid=grid.astype(np.float32),
@@ -224,6 +231,7 @@ def _shape(
         corners=corners,
         notes=notes,
     )
+    return shape, middle
 
 
 def _arrays(mesh: Any) -> tuple[Array, NDArray[np.int64]]:
@@ -231,7 +239,7 @@ def _arrays(mesh: Any) -> tuple[Array, NDArray[np.int64]]:
     return vertices, np.ascontiguousarray(mesh.faces, dtype=np.int64)
 
 
-def _keep_shape(key: str, shape: Shape) -> None:
+def _keep_shape(key: str, shape: Shape, middle: Array) -> None:
     keep(
         KIND,
         key,
@@ -241,18 +249,20 @@ def _keep_shape(key: str, shape: Shape) -> None:
             "cells": np.array(shape.cells),
             "bounds": shape.bounds,
             "corners": shape.corners,
+            "middle": middle,
             "notes": np.array(shape.notes, dtype=str),
         },
     )
 
 
-def _kept_shape(key: str) -> Shape | None:
+def _kept_shape(key: str) -> tuple[Shape, Array] | None:
     found = kept(KIND, key)
     if found is None:
         return None
     try:
         notes = tuple(str(note) for note in found["notes"])
         arrays = {name: found[name] for name in ("grid", "origin", "bounds", "corners")}
-        return make_shape("mesh", GRID, cells=float(found["cells"]), notes=notes, **arrays)
+        shape = make_shape("mesh", GRID, cells=float(found["cells"]), notes=notes, **arrays)
+        return shape, np.asarray(found["middle"], float)
     except (KeyError, ValueError, TypeError):  # not one of ours
         return None
