@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from .loop.rig import Rig
     from .loop.run import open_rig as open
     from .loop.run import run
+    from .model import shapes
     from .scene.scene import Scene, load_scene, scene_names
     from .sensing.bodies import Pose
+    from .sensing.many import TactileSensors
     from .sensing.reader import Reader, Reading
     from .sensing.sensor import TactileSensor
 
@@ -31,11 +33,13 @@ _HOMES = {
     "Rig": "loop.rig:Rig",
     "Scene": "scene.scene:Scene",
     "TactileSensor": "sensing.sensor:TactileSensor",
+    "TactileSensors": "sensing.many:TactileSensors",
     "UserError": "errors:UserError",
     "load_scene": "scene.scene:load_scene",
     "open": "loop.run:open_rig",
     "run": "loop.run:run",
     "scene_names": "scene.scene:scene_names",
+    "shapes": "model:shapes",
 }
 
 __all__ = [
@@ -46,12 +50,14 @@ __all__ = [
     "Rig",
     "Scene",
     "TactileSensor",
+    "TactileSensors",
     "UserError",
     "__version__",
     "load_scene",
     "open",
     "run",
     "scene_names",
+    "shapes",
 ]
 
 _guard()
