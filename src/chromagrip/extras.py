@@ -40,6 +40,7 @@ EXTRAS = {
     "live": Extra("viser", "the live page"),
     "ros": Extra("mcap", "writing a run as an MCAP log"),
     "viz": Extra("rerun", "writing a run as a Rerun log"),
+    "mujoco": Extra("mujoco", "sensors in a MuJoCo model"),
     "reference": Extra("mitsuba", "path tracing the reference pictures"),
 }
 

@@ -1,0 +1,245 @@
+"""A tactile sensor on a site of a MuJoCo model; the extra `mujoco`.
+
+    tip = chromagrip.mujoco.attach(model, data, site="tip", body="mug", sensor="dome-2020")
+    mujoco.mj_step(model, data)
+    tip.update().image
+
+The sensor's frame is that of the site: its origin is the centre of the dome's sphere, or the middle
+of a pad's face, and z points outwards. Coupled both ways, our contact takes the place of MuJoCo's.
+"""
+
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import UserError
+from .extras import need
+from .model import SoftBody, Solid, shapes
+from .model.shapes import Shape
+from .render import SensorDesign, load_sensor
+from .sensing.bodies import FARTHEST, Pose
+from .sensing.sensor import SensorData, TactileSensor
+
+Array = NDArray[np.float64]
+
+#: Time constant of the skin of a sensor that is coupled both ways [s]: an elastic one keeps an
+#: object bouncing for ever, because forces arrive a step late.
+RELAXATION = 0.01
+#: Turn from the frame of a cylinder or a capsule of ours, along y, to MuJoCo's, along z.
+_ALONG_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+#: Rounding of edges over the shortest half side: a sharp edge has no normal.
+_ROUNDING = 0.05
+
+
+def attach(
+    model: Any,
+    data: Any,
+    *,
+    site: str,
+    body: str,
+    sensor: SensorDesign | str = "dome-2020",
+    geom: str | None = None,
+    friction: float | None = None,
+    stiffness: float = 1e9,
+    two_way: bool = False,
+    noise: float = 0.0,
+    seed: int = 0,
+) -> "MujocoTip":
+    """Attach a sensor to a site; it touches a body.
+
+    Parameters
+    ----------
+    model, data: MuJoCo's `MjModel` and `MjData`
+    site: name of the site whose frame is the sensor's
+    body: name of the body that is touched
+    sensor: name or file of a design with silicone, or a design
+    geom: name of the body's geom that is touched (default: its only one)
+    friction: µ (default: the geom's sliding friction)
+    stiffness: stiffness per area of the object [N/m³]
+    two_way: whether our contact takes the place of MuJoCo's contact of the geom with the body of
+        the site: `update` writes `data.xfrc_applied` of both bodies, and the skin has a
+        `relaxation` of 10 ms
+    noise, seed: as of `TactileSensor`
+
+    Raises
+    ------
+    UserError
+        When MuJoCo is not installed, for a site, body or geom that is not there, and for a geom
+        that the sensor cannot touch.
+    """
+    mujoco = need("mujoco", "mujoco")
+    at = _number(mujoco, model, "site", site)
+    touched = _touched(mujoco, model, body, geom)
+    shape, turn = _shape(mujoco, model, touched)
+    mu = float(model.geom_friction[touched, 0]) if friction is None else friction
+    design = load_sensor(sensor) if isinstance(sensor, str) else sensor
+    silicone = cast("SoftBody", design.dome)
+    if two_way:
+        silicone = replace(silicone, relaxation=max(silicone.relaxation, RELAXATION))
+        _without_contact(model, int(model.site_bodyid[at]), touched)
+    made = TactileSensor(design, body=silicone, noise=noise, seed=seed)
+    made.attach(Solid(shape=shape, friction=mu, stiffness=stiffness))
+    return MujocoTip(mujoco, model, data, made, (at, touched), turn, two_way)
+
+
+class MujocoTip:
+    """A tactile sensor that follows a MuJoCo model; made by `attach`.
+
+    Attributes
+    ----------
+    sensor: the sensor
+    """
+
+    def __init__(
+        self,
+        mujoco: Any,
+        model: Any,
+        data: Any,
+        sensor: TactileSensor,
+        numbers: tuple[int, int],
+        turn: Array,
+        two_way: bool,
+    ) -> None:
+        self.sensor = sensor
+        self._mujoco, self._model, self._data = mujoco, model, data
+        (self._site, self._geom), self._turn = numbers, turn
+        self._bodies = int(model.site_bodyid[self._site]), int(model.geom_bodyid[self._geom])
+        self._two_way, self._time = two_way, float(data.time)
+        self._applied = np.zeros((2, 6))
+
+    @property
+    def data(self) -> SensorData:
+        """Values of the current frame, see `TactileSensor.data`."""
+        return self.sensor.data
+
+    def update(self) -> SensorData:
+        """Follow the model after `mj_step`; both ways, also apply the contact's forces.
+
+        Raises
+        ------
+        UserError
+            For a pose that the silicone does not describe; forces then stay as they are.
+        """
+        data = self._data
+        self._mujoco.mj_kinematics(self._model, data)
+        if data.time < self._time:  # the simulation was reset
+            self.reset()
+        since = float(data.time) - self._time
+        pose = self._pose()
+        if since > 0.0 and np.linalg.norm(pose.place) < FARTHEST:
+            self.sensor.update(pose, dt=since)
+            self._time = float(data.time)
+        if self._two_way:
+            self._apply(self.sensor.data.wrench)
+        return self.sensor.data
+
+    def reset(self) -> None:
+        """Begin again without contact, at the model's time."""
+        self.sensor.reset()
+        self._time = float(self._data.time)
+        self._applied[:] = 0.0
+
+    def _frame(self) -> tuple[Array, Array]:
+        """Turn (3, 3) and place (3,) [m] of the sensor in the world."""
+        turn = self._data.site_xmat[self._site].reshape(3, 3)
+        return turn, self._data.site_xpos[self._site]
+
+    def _pose(self) -> Pose:
+        """Pose of the object in the sensor's frame."""
+        turn, place = self._frame()
+        own = self._data.geom_xmat[self._geom].reshape(3, 3) @ self._turn
+        quat = np.empty(4)
+        self._mujoco.mju_mat2Quat(quat, (turn.T @ own).ravel())
+        there = turn.T @ (self._data.geom_xpos[self._geom] - place)
+        there = np.clip(there, -FARTHEST, FARTHEST)
+        return Pose(place=tuple(there.tolist()), turn=tuple(quat.tolist()))
+
+    def _apply(self, wrench: Array) -> None:
+        """Apply the wrench to the sensor's body, and its opposite to the object's."""
+        turn, place = self._frame()
+        force, torque = turn @ wrench[:3], turn @ wrench[3:]
+        for row, (body, sign) in enumerate(zip(self._bodies, (1.0, -1.0), strict=True)):
+            arm = place - self._data.xipos[body]
+            now = sign * np.concatenate([force, torque + np.cross(arm, force)])
+            # Another sensor, or the user, may apply forces to the same body.
+            self._data.xfrc_applied[body] += now - self._applied[row]
+            self._applied[row] = now
+
+
+def _number(mujoco: Any, model: Any, kind: str, name: str) -> int:
+    """Number of a named site, body or geom."""
+    found = mujoco.mj_name2id(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
+    if found < 0:
+        count = getattr(model, f"n{kind}")
+        names = [getattr(model, kind)(k).name for k in range(count)]
+        there = ", ".join(sorted(filter(None, names))) or "none with a name"
+        raise UserError(f"the model has no {kind} {name!r}; it has {there}")
+    return int(found)
+
+
+def _touched(mujoco: Any, model: Any, body: str, geom: str | None) -> int:
+    """Number of the geom of a body that is touched."""
+    owner = _number(mujoco, model, "body", body)
+    own = np.flatnonzero(model.geom_bodyid == owner)
+    if geom is not None:
+        chosen = _number(mujoco, model, "geom", geom)
+        if chosen not in own:
+            raise UserError(f"geom {geom!r} is not of the body {body!r}")
+        return chosen
+    if len(own) != 1:
+        names = ", ".join(model.geom(int(k)).name or f"number {k}" for k in own) or "none"
+        raise UserError(f"body {body!r} has {len(own)} geoms ({names}); choose one: geom=NAME")
+    return int(own[0])
+
+
+def _shape(mujoco: Any, model: Any, geom: int) -> tuple[Shape, Array]:
+    """Shape of a geom, and the turn (3, 3) from the shape's frame to the geom's."""
+    kinds, kind = mujoco.mjtGeom, int(model.geom_type[geom])
+    size = [float(value) for value in model.geom_size[geom]]
+    straight = np.eye(3)
+    if kind == kinds.mjGEOM_SPHERE:
+        return shapes.ball(size[0]), straight
+    if kind == kinds.mjGEOM_CAPSULE:
+        return shapes.capsule(size[0], 2.0 * (size[0] + size[1])), _ALONG_Z
+    if kind == kinds.mjGEOM_CYLINDER:
+        rounding = _ROUNDING * min(size[:2])
+        return shapes.cylinder(size[0], 2.0 * size[1], rounding), _ALONG_Z
+    if kind == kinds.mjGEOM_BOX:
+        edges = (2.0 * size[0], 2.0 * size[1], 2.0 * size[2])
+        return shapes.box(edges, _ROUNDING * min(size)), straight
+    if kind == kinds.mjGEOM_MESH:
+        number = int(model.geom_dataid[geom])
+        first, count = int(model.mesh_vertadr[number]), int(model.mesh_vertnum[number])
+        face, faces = int(model.mesh_faceadr[number]), int(model.mesh_facenum[number])
+        trimesh = need("trimesh", "mesh")
+        vertices = np.array(model.mesh_vert[first : first + count], dtype=float)
+        triangles = np.array(model.mesh_face[face : face + faces])
+        return shapes.mesh(trimesh.Trimesh(vertices, triangles, process=False)), straight
+    name = kinds(kind).name.removeprefix("mjGEOM_").lower()
+    raise UserError(
+        f"a geom of type {name} cannot be touched; allowed are sphere, capsule, cylinder, box and "
+        "mesh"
+    )
+
+
+def _without_contact(model: Any, owner: int, touched: int) -> None:
+    """Turn MuJoCo's contact of the geoms of a body with another geom off, and no other contact."""
+    own = np.flatnonzero(model.geom_bodyid == owner)
+    used = np.bitwise_or.reduce(model.geom_contype) | np.bitwise_or.reduce(model.geom_conaffinity)
+    free = [bit for bit in range(31) if not int(used) >> bit & 1]
+    for geom in own:
+        kinds, with_ = model.geom_contype, model.geom_conaffinity
+        meets = ((kinds[geom] & with_) | (kinds & with_[geom])) != 0
+        if not meets[touched]:
+            continue
+        meets[touched] = False
+        if meets.any() and not free:
+            raise UserError("the model's geoms use all bits of contype and conaffinity")
+        # The geom keeps its contacts with the others by a bit of its own.
+        kinds[geom], with_[geom] = 0, 0
+        if meets.any():
+            bit = 1 << free.pop(0)
+            with_[geom] = bit
+            kinds[np.flatnonzero(meets)] |= bit
