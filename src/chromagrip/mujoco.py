@@ -107,7 +107,7 @@ class MujocoTip:
         (self._site, self._geom), self._turn = numbers, turn
         self._bodies = int(model.site_bodyid[self._site]), int(model.geom_bodyid[self._geom])
         self._two_way, self._time = two_way, float(data.time)
-        self._applied = np.zeros((2, 6))
+        self._applied, self._placed = np.zeros((2, 6)), False
 
     @property
     def data(self) -> SensorData:
@@ -129,8 +129,8 @@ class MujocoTip:
         since = float(data.time) - self._time
         pose = self._pose()
         if since > 0.0 and np.linalg.norm(pose.place) < FARTHEST:
-            self.sensor.update(pose, dt=since)
-            self._time = float(data.time)
+            self.sensor.update(pose, dt=since, placed=not self._placed)
+            self._placed, self._time = True, float(data.time)
         if self._two_way:
             self._apply(self.sensor.data.wrench)
         return self.sensor.data
@@ -139,7 +139,7 @@ class MujocoTip:
         """Begin again without contact, at the model's time."""
         self.sensor.reset()
         self._time = float(self._data.time)
-        self._applied[:] = 0.0
+        self._applied[:], self._placed = 0.0, False
 
     def _frame(self) -> tuple[Array, Array]:
         """Turn (3, 3) and place (3,) [m] of the sensor in the world."""

@@ -143,14 +143,18 @@ class ChainBody:
             self.fingertip, obj, rest_state(self.fingertip), no_slip(self.fingertip.nodes)
         )
 
-    def move(self, contact: Contact, pose: Pose, dt: float) -> Contact:
+    def move(self, contact: Contact, pose: Pose, dt: float, placed: bool = False) -> Contact:
         """Move the object straight to a pose in a time [s]; returns the contact after it.
+
+        With `placed` it is put there instead, without friction on its way.
 
         Raises
         ------
         UserError
             For a pose that is not possible on the chain, and when the model fails.
         """
+        if placed:
+            raise UserError('a chain\'s object is not put down elsewhere; take body = "dome"')
         x, y, z = pose.place
         if y != 0.0 or any(pose.turn[1:]):
             raise UserError(
@@ -268,7 +272,7 @@ class SiliconeBody:
         field = dome_forces(self.carrier, start, whole=False)
         return dome_contact(self.carrier, obj, start, start, no_dome_slip(self.carrier), field)
 
-    def move(self, contact: Contact, pose: Pose, dt: float) -> Contact:
+    def move(self, contact: Contact, pose: Pose, dt: float, placed: bool = False) -> Contact:
         """Move the object to a pose, as `ChainBody.move`.
 
         An object that moves far in one update is lifted and put down again, without friction on
@@ -283,7 +287,7 @@ class SiliconeBody:
         # object that moves farther is placed without friction on its way.
         way_m, turn_rad, most_steps = 0.1e-3, math.radians(3.0), 40
         count = max(1, math.ceil(way / way_m), math.ceil(turn.magnitude() / turn_rad))
-        if count > most_steps:
+        if placed or count > most_steps:
             self._check_outside(place, turn * before)
             contact, count = self._lifted(contact, place, turn * before), 1
             state, turn, before = of_dome(contact)[1], Rotation.identity(), turn * before

@@ -68,6 +68,8 @@ class TactileSensors:
         self._period = 0.0 if rate_hz is None else 1.0 / rate_hz
         self._pool = ThreadPoolExecutor(int(threads)) if threads > 1 else None
         self._data: BatchData | None = None
+        self._soft = first.ability.objects is Solid
+        self._moved = np.zeros(num_envs, dtype=np.bool_)
 
     @property
     def num_envs(self) -> int:
@@ -125,6 +127,7 @@ class TactileSensors:
             else:
                 solids.append(one)
         self._each(lambda k: self.sensors[k].attach(solids[k]))
+        self._moved[:] = False
         self._data = BatchData(self)
 
     def reset(self, env_ids: ArrayLike | None = None) -> None:
@@ -139,6 +142,7 @@ class TactileSensors:
         chosen = self._chosen(env_ids)
         for k in chosen:
             self.sensors[k].reset()
+        self._moved[chosen] = False
         data._begin(chosen)
 
     def update(
@@ -146,7 +150,8 @@ class TactileSensors:
     ) -> "BatchData":
         """Move the objects, and begin the next frame.
 
-        An environment whose pose is none, or whose model gives up, as for an object too deep in
+        The first time after `attach` and `reset` an object on silicone is put at its pose, without
+        friction on its way. An environment whose pose is none, or whose model gives up, as for an object too deep in
         the silicone, keeps its last state: `data.failed` and `data.reasons` say so, and the others
         go on.
 
@@ -170,7 +175,9 @@ class TactileSensors:
 
         def move(k: int) -> str:
             try:
-                self.sensors[k].update(_pose(places[k], turns[k]), dt=dt)
+                pose, first = _pose(places[k], turns[k]), self._soft and not self._moved[k]
+                self.sensors[k].update(pose, dt=dt, placed=first)
+                self._moved[k] = True
             except UserError as error:
                 return str(error)
             return ""
@@ -194,6 +201,7 @@ class TactileSensors:
             raise UserError(f"{len(states)} states are given for {self.num_envs} environments")
         for sensor, state in zip(self.sensors, states, strict=True):
             sensor.restore(state)
+        self._moved[:] = True
         self._data = BatchData(self)
 
     def close(self) -> None:

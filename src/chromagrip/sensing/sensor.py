@@ -210,7 +210,12 @@ class TactileSensor:
         self.attach(self._obj)
 
     def update(
-        self, pose: Pose | None = None, *, force: ArrayLike | None = None, dt: float
+        self,
+        pose: Pose | None = None,
+        *,
+        force: ArrayLike | None = None,
+        dt: float,
+        placed: bool = False,
     ) -> "SensorData":
         """Move the object, and begin the next frame.
 
@@ -220,6 +225,8 @@ class TactileSensor:
         force: instead of a pose, force on the object along x, y and z [N], (3,), where a press has
             a negative z; or force and torque about the sensor's axes [N, N·m], (6,)
         dt: time since the last frame [s]
+        placed: whether the object is put at the pose, without friction on its way there; on
+            silicone alone
 
         Returns
         -------
@@ -240,7 +247,7 @@ class TactileSensor:
             raise UserError("update() needs a pose or a force, and not both")
         state = self._state
         if pose is not None:
-            contact = self.body.move(state.contact, pose, dt)
+            contact = self.body.move(state.contact, pose, dt, placed)
         else:
             contact = self.body.load(state.contact, _wrench(force), dt)
         self._take(contact, contact, state.index + 1, state.exposed.state.carried)

@@ -1,0 +1,116 @@
+"""Many sensors in step: the same bytes as one alone, and errors that stop no other environment."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from chromagrip import Pose, TactileSensor, TactileSensors, UserError, shapes
+from chromagrip.model import Solid
+from chromagrip.render import load_sensor
+
+DESIGN = load_sensor("dome-2020")
+COARSE = replace(DESIGN.dome, pitch=0.6e-3)
+BALL, RADIUS, FRICTION = 6e-3, 20e-3, 0.6
+
+
+def places(count: int, frame: int) -> np.ndarray:
+    """Places of balls that press the deeper the higher their environment's number is [m]."""
+    depth = 0.1e-3 * (1 + np.arange(count)) * frame / 5
+    return np.column_stack([np.zeros((count, 2)), RADIUS + BALL - depth])
+
+
+def pressed(count: int, frames: int = 5, **options: object) -> TactileSensors:
+    """Sensors that balls have pressed."""
+    sensors = TactileSensor(DESIGN, num_envs=count, body=COARSE, noise=2.0, seed=4, **options)
+    sensors.attach(shapes.ball(BALL), friction=FRICTION)
+    for frame in range(1, frames + 1):
+        sensors.update(places(count, frame), dt=1 / 60)
+    return sensors
+
+
+@pytest.fixture
+def three() -> Iterator[TactileSensors]:
+    sensors = pressed(3)
+    yield sensors
+    sensors.close()
+
+
+def test_an_environment_has_the_bytes_of_a_sensor_alone(three: TactileSensors) -> None:
+    alone = TactileSensor(DESIGN, body=COARSE, noise=2.0, seed=6)
+    alone.attach(Solid(shape=shapes.ball(BALL), friction=FRICTION))
+    for frame in range(1, 6):
+        alone.update(Pose(place=tuple(places(3, frame)[2])), dt=1 / 60, placed=frame == 1)
+    data = three.data
+    names = (
+        "image", "marker_px", "marker_visible", "marker_pos", "wrench", "node_pos", "node_force",
+        "slipping", "margin", "limit_margin",
+    )  # fmt: skip
+    for name in names:
+        values, own = getattr(data, name), np.asarray(getattr(alone.data, name))
+        assert values.shape == (3, *own.shape)
+        assert values[2].tobytes() == own.tobytes(), name
+
+
+def test_threads_and_numbers_of_environments_change_no_byte(three: TactileSensors) -> None:
+    other = pressed(2, threads=2)
+    assert other.data.image.tobytes() == three.data.image[:2].tobytes()
+    assert other.data.wrench.tobytes() == three.data.wrench[:2].tobytes()
+    other.close()
+
+
+def test_a_deeper_press_is_harder_and_balances(three: TactileSensors) -> None:
+    force = -three.data.wrench[:, 2]
+    assert (np.diff(force) > 0.0).all()
+    np.testing.assert_allclose(three.data.node_force.sum(axis=1), three.data.wrench[:, :3])
+
+
+def test_what_is_no_pose_is_a_flag_and_the_others_go_on(three: TactileSensors) -> None:
+    before = three.data.wrench.copy()
+    now, turns = places(3, 6), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
+    now[0, 2], turns[1] = RADIUS - 2 * BALL, 0.0
+    data = three.update(now, turns, dt=1 / 60)
+    assert data.failed.tolist() == [True, True, False]
+    assert "too deep" in data.reasons[0]
+    assert "no turn" in data.reasons[1]
+    np.testing.assert_array_equal(data.wrench[:2], before[:2])
+    assert -data.wrench[2, 2] > -before[2, 2]
+    again = three.update(places(3, 7), dt=1 / 60)
+    assert not again.failed.any()
+    assert (-again.wrench[:, 2] > -before[:, 2]).all()
+
+
+def test_some_begin_again_and_states_are_taken_up(three: TactileSensors) -> None:
+    state = three.state()
+    ahead = three.update(places(3, 6), dt=1 / 60).wrench.copy()
+    three.restore(state)
+    assert three.update(places(3, 6), dt=1 / 60).wrench.tobytes() == ahead.tobytes()
+    three.reset([0, 2])
+    assert np.flatnonzero(three.data.wrench[:, 2] < -1e-3).tolist() == [1]
+    assert three.data.time.tolist() == [0.0, pytest.approx(0.1), 0.0]
+
+
+def test_pictures_come_at_their_rate() -> None:
+    sensors = TactileSensor(DESIGN, num_envs=1, body=COARSE, noise=2.0, rate_hz=30.0)
+    sensors.attach(shapes.ball(BALL), friction=FRICTION)
+    seen = [sensors.data.image.tobytes()]
+    for frame in range(1, 7):
+        seen.append(sensors.update(places(1, frame), dt=1 / 60).image.tobytes())
+    assert [a != b for a, b in itertools.pairwise(seen)] == [False, True] * 3
+
+
+def test_bad_input_is_one_sentence(three: TactileSensors) -> None:
+    with pytest.raises(UserError, match=r"object_pos has shape \(2, 3\), expected \(3, 3\)"):
+        three.update(places(2, 1), dt=1 / 60)
+    with pytest.raises(UserError, match="must be above 0 s"):
+        three.update(places(3, 1), dt=0.0)
+    with pytest.raises(UserError, match="whole numbers from 0 to 2"):
+        three.reset([3])
+    with pytest.raises(UserError, match="2 objects are given for 3 environments"):
+        three.attach([shapes.ball(BALL)] * 2)
+    with pytest.raises(UserError, match="num_envs = 0"):
+        TactileSensor(DESIGN, num_envs=0)
+    with pytest.raises(UserError, match="call attach"):
+        _ = TactileSensor(DESIGN, num_envs=2, body=COARSE).data

@@ -1,0 +1,124 @@
+"""A sensor in a MuJoCo model: objects rest with their weight, slide at µ, and swing."""
+
+import numpy as np
+import pytest
+
+from chromagrip import UserError
+
+mujoco = pytest.importorskip("mujoco")
+
+from chromagrip.mujoco import MujocoTip, attach  # noqa: E402
+
+RADIUS, WEIGHT = 20e-3, 9.81
+
+
+def world(part: str, step: float = 1e-3, tip: str = "") -> tuple[object, object]:
+    """Model and data with a sensor that looks up, and a part above it."""
+    text = f"""<mujoco><option timestep="{step}" integrator="implicitfast"/><worldbody>
+      <body name="tip" pos="0.1 0 0.2">{tip}<site name="tip"/></body>{part}
+    </worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    return model, mujoco.MjData(model)
+
+
+def run(model: object, data: object, tip: MujocoTip, end: float) -> np.ndarray:
+    """Forces on the sensor in each step until a time, shape (T, 3)."""
+    forces = []
+    while data.time < end:  # type: ignore[attr-defined]
+        mujoco.mj_step(model, data)
+        forces.append(tip.update().wrench[:3].copy())
+    return np.array(forces)
+
+
+def box(mass: float, joints: str = "<freejoint/>", size: str = "0.005 0.005 0.005") -> str:
+    half = float(size.split()[2])
+    return (
+        f'<body name="part" pos="0.1 0 {0.2 + RADIUS + half + 2e-4}">{joints}'
+        f'<geom name="box" type="box" size="{size}" mass="{mass}"/></body>'
+    )
+
+
+@pytest.mark.parametrize(("mass", "step"), [(0.02, 1e-3), (0.5, 1e-3), (0.1, 2e-3)])
+def test_a_box_rests_with_its_weight(mass: float, step: float) -> None:
+    model, data = world(box(mass), step, '<geom type="sphere" size="0.0199" mass="0.1"/>')
+    tip = attach(model, data, site="tip", body="part", two_way=True, friction=0.5)
+    force = -run(model, data, tip, 0.8)[-150:, 2]
+    assert data.ncon == 0  # MuJoCo's own contact of the pair is off
+    assert force.mean() == pytest.approx(WEIGHT * mass, rel=0.01)
+    assert force.std() < 0.02 * WEIGHT * mass
+
+
+def test_a_box_slides_at_its_friction() -> None:
+    joints = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
+    model, data = world(box(0.1, joints, "0.04 0.02 0.01"))
+    tip = attach(model, data, site="tip", body="part", two_way=True, friction=0.4)
+    run(model, data, tip, 0.3)
+    data.qfrc_applied[0] = 0.6  # more than 0.4 · 0.981 N
+    force = run(model, data, tip, 0.42)
+    sliding = force[-20:]
+    assert data.qvel[0] > 0.02
+    np.testing.assert_allclose(sliding[:, 0] / -sliding[:, 2], 0.4, rtol=0.03)
+
+
+def test_forces_on_both_bodies_cancel() -> None:
+    model, data = world(box(0.1))
+    tip = attach(model, data, site="tip", body="part", two_way=True, friction=0.5)
+    run(model, data, tip, 0.3)
+    on = data.xfrc_applied[[model.body("tip").id, model.body("part").id]]
+    np.testing.assert_allclose(on[0, :3], -on[1, :3])
+    moment = [
+        each[3:] + np.cross(data.xipos[model.body(name).id], each[:3])
+        for each, name in zip(on, ("tip", "part"), strict=True)
+    ]
+    np.testing.assert_allclose(moment[0], -np.array(moment[1]), atol=1e-12)
+
+
+def test_other_contacts_of_the_fingertip_stay() -> None:
+    other = (
+        '<body name="other" pos="0.1 0.015 0.23"><freejoint/><geom size="0.01" mass="0.01"/></body>'
+    )
+    hull = '<geom name="hull" type="sphere" size="0.0199"/>'
+    model, data = world(box(0.1) + other, tip=hull)
+    before = model.geom_contype.copy()
+    attach(model, data, site="tip", body="part", two_way=True)
+    pairs = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
+    pairs |= pairs.T
+    hull_, part, free = (model.geom(k).id for k in ("hull", "box", 2))
+    assert pairs[hull_, free]
+    assert pairs[part, free]
+    assert not pairs[hull_, part]
+    attach(model, data, site="tip", body="part")  # one way leaves contacts as they are
+    assert (model.geom_contype != before).any()
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "top"),
+    [
+        ("sphere", "0.006", 6e-3),
+        ("capsule", "0.004 0.006", 10e-3),
+        ("cylinder", "0.006 0.004", 4e-3),
+    ],
+)
+def test_shapes_are_those_of_the_geoms(kind: str, size: str, top: float) -> None:
+    part = f"""<body name="part" pos="0.1 0 {0.2 + RADIUS + top - 0.3e-3}">
+      <joint type="slide" axis="0 0 1"/><geom type="{kind}" size="{size}" mass="0.01"/></body>"""
+    model, data = world(part)
+    tip = attach(model, data, site="tip", body="part")
+    mujoco.mj_step(model, data)
+    shape = tip.sensor.data.contact.obj.shape
+    mujoco.mj_kinematics(model, data)
+    assert tip.update().wrench[2] < -0.01
+    assert shape.name == {"sphere": "ball"}.get(kind, kind)
+
+
+def test_what_is_missing_is_named() -> None:
+    two = '<body name="part"><geom name="a" size="0.01"/><geom name="b" size="0.02"/></body>'
+    model, data = world(two + '<body name="egg"><geom type="ellipsoid" size="1 1 2"/></body>')
+    with pytest.raises(UserError, match="no site 'finger'; it has tip"):
+        attach(model, data, site="finger", body="part")
+    with pytest.raises(UserError, match="no body 'cup'; it has egg, part, tip, world"):
+        attach(model, data, site="tip", body="cup")
+    with pytest.raises(UserError, match=r"2 geoms \(a, b\); choose one: geom=NAME"):
+        attach(model, data, site="tip", body="part")
+    with pytest.raises(UserError, match="type ellipsoid cannot be touched"):
+        attach(model, data, site="tip", body="egg")
