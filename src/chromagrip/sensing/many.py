@@ -151,9 +151,9 @@ class TactileSensors:
         """Move the objects, and begin the next frame.
 
         The first time after `attach` and `reset` an object on silicone is put at its pose, without
-        friction on its way. An environment whose pose is none, or whose model gives up, as for an object too deep in
-        the silicone, keeps its last state: `data.failed` and `data.reasons` say so, and the others
-        go on.
+        friction on its way. An environment whose pose is none, or whose model gives up, as for an
+        object too deep in the silicone, keeps its last state: `data.failed` and `data.reasons` say
+        so, and the others go on.
 
         Parameters
         ----------
