@@ -96,7 +96,7 @@ def make_shape(
     return shape
 
 
-def moved(shape: Shape, by: ArrayLike) -> Shape:
+def moved(shape: Shape, by: Array) -> Shape:
     """A mesh's shape whose origin is elsewhere: the shape is moved in its own frame by (3,) [m]."""
     return replace(
         shape,

@@ -9,14 +9,14 @@ of a pad's face, and z points outwards. Coupled both ways, our contact takes the
 """
 
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import UserError
 from .extras import need
-from .model import SoftBody, Solid, shapes
+from .model import Solid, shapes
 from .model.shapes import Shape
 from .render import SensorDesign, load_sensor
 from .sensing.bodies import FARTHEST, Pose
@@ -75,7 +75,7 @@ def attach(
     shape, turn = _shape(mujoco, model, touched)
     mu = float(model.geom_friction[touched, 0]) if friction is None else friction
     design = load_sensor(sensor) if isinstance(sensor, str) else sensor
-    silicone = cast("SoftBody", design.dome)
+    silicone = design.dome
     if two_way:
         silicone = replace(silicone, relaxation=max(silicone.relaxation, RELAXATION))
         _without_contact(model, int(model.site_bodyid[at]), touched)
@@ -154,7 +154,8 @@ class MujocoTip:
         self._mujoco.mju_mat2Quat(quat, (turn.T @ own).ravel())
         there = turn.T @ (self._data.geom_xpos[self._geom] - place)
         there = np.clip(there, -FARTHEST, FARTHEST)
-        return Pose(place=tuple(there.tolist()), turn=tuple(quat.tolist()))
+        w, x, y, z = quat.tolist()
+        return Pose(place=tuple(there.tolist()), turn=(w, x, y, z))
 
     def _apply(self, wrench: Array) -> None:
         """Apply the wrench to the sensor's body, and its opposite to the object's."""

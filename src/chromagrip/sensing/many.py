@@ -115,7 +115,7 @@ class TactileSensors:
                 f"{len(obj)} objects are given for {self.num_envs} environments; "  # type: ignore[arg-type]
                 "give one, or one for each"
             )
-        given = list(obj) if several else [obj] * self.num_envs  # type: ignore[arg-type]
+        given: list[Any] = list(obj) if several else [obj] * self.num_envs  # type: ignore[arg-type]
         solids: list[Solid | ContactObject] = []
         for one in given:
             own = {"friction": friction, "stiffness": stiffness}
