@@ -73,8 +73,9 @@ def decide(policy: Policy, shapes: list[np.ndarray], grips: list[float]) -> floa
 
 def taught(info: dict[str, Any]) -> tuple[float, float]:
     """Grip that would have the desired margin, or more on a slide [N]; weight of the frame."""
-    surge, weight = (SURGE, WEIGHT) if info["margin_true"] < SLIDING else (1.0, 1.0)
-    needed = info["applied_n"] * (1.0 - info["margin_true"]) / (1.0 - DESIRED_MARGIN) * surge
+    margin = info.get("margin_true", np.nan)  # none without contact
+    surge, weight = (SURGE, WEIGHT) if margin < SLIDING else (1.0, 1.0)
+    needed = info["applied_n"] * (1.0 - margin) / (1.0 - DESIRED_MARGIN) * surge
     return (min(max(needed, LEAST), MOST) if math.isfinite(needed) else LEAST), weight
 
 

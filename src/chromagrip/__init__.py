@@ -8,6 +8,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .gym import register_when_imported as _register_when_imported
 from .links import guard as _guard
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ __all__ = [
 ]
 
 _guard()
+_register_when_imported()
 
 
 def __getattr__(name: str) -> Any:

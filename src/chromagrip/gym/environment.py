@@ -36,6 +36,8 @@ from .observations import Image, ObservationName, observation_of, observed, spac
 from .status import GripStatus, limit_of, status_of
 from .window import Window
 
+#: Attributes of an environment that are pickled as they are.
+_KEPT = ("spec", "action_space", "observation_space", "_over")
 #: Reward lost by sliding until a drop.
 DROP_COST = 50.0
 
@@ -120,6 +122,18 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         ):
             if value is not None and not (math.isfinite(value) and value > 0.0):
                 raise UserError(f"{name} = {value} must be finite and above 0")
+        self._given: dict[str, Any] = {
+            "scene": scene,
+            "observation": observation,
+            "action": action,
+            "path": path,
+            "changes": dict(changes or {}),
+            "most_n": most_n,
+            "rate_n_per_s": rate_n_per_s,
+            "dropped_mm": dropped_mm,
+            "render_mode": render_mode,
+            "allow": tuple(allow),
+        }
         self._name, self._changes, self._allow = scene, dict(changes or {}), allow
         self._path = _path_of(observation, path)
         self._kind, self._action = observation, action
@@ -251,6 +265,23 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         self.np_random.bit_generator.state = state.random
         self._over = self._rig.done or self._status().outcome != "held"
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Options, spaces and, after a reset, the state: a pickled environment goes on from it."""
+        begun = hasattr(self, "_grip")
+        return {
+            "given": self._given,
+            "kept": {name: getattr(self, name) for name in _KEPT},
+            "changes": self._opened,
+            "state": self.save() if begun else None,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        GripEnv.__init__(self, **state["given"])
+        if state["state"] is not None:
+            self.reset(options={"changes": state["changes"]})
+            self.restore(state["state"])
+        vars(self).update(state["kept"])
+
     def _open(self, changes: dict[str, Any]) -> Rig:
         """Open a rig of the scene with changes."""
         merged = {"path": self._path} | self._changes | changes
@@ -294,13 +325,15 @@ class GripEnv(gymnasium.Env[Observation, Action]):
 
     def _info(self, status: GripStatus, dropped: bool = False) -> Info:
         """True values of this frame; not for a policy."""
-        return {
+        info = {
             "time_s": self._rig.time,
             "grip_n": self._grip,
             "applied_n": self._rig.applied,
             **status.truth,
             "dropped": dropped,
         }
+        # There is no margin without contact; NaN is not equal to itself.
+        return {key: value for key, value in info.items() if value == value}
 
     def _picture(self) -> Image:
         """Picture for people: the camera's, or for two fingers one from the side."""
