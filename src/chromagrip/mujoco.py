@@ -8,6 +8,7 @@ The sensor's frame is that of the site: its origin is the centre of the dome's s
 of a pad's face, and z points outwards. Coupled both ways, our contact takes the place of MuJoCo's.
 """
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -24,9 +25,10 @@ from .sensing.sensor import SensorData, TactileSensor
 
 Array = NDArray[np.float64]
 
-#: Time constant of the skin of a sensor that is coupled both ways [s]: an elastic one keeps an
-#: object bouncing for ever, because forces arrive a step late.
+#: Longest time constant of the skin of a sensor that is coupled both ways [s].
 RELAXATION = 0.01
+#: Stiffness of a contact of a few newtons, with which shorter ones are chosen [N/m].
+_STIFFNESS = 1e4
 #: Turn from the frame of a cylinder or a capsule of ours, along y, to MuJoCo's, along z.
 _ALONG_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 #: Rounding of edges over the shortest half side: a sharp edge has no normal.
@@ -44,6 +46,7 @@ def attach(
     friction: float | None = None,
     stiffness: float = 1e9,
     two_way: bool = False,
+    relaxation: float | None = None,
     noise: float = 0.0,
     seed: int = 0,
 ) -> "MujocoTip":
@@ -59,8 +62,9 @@ def attach(
     friction: µ (default: the geom's sliding friction)
     stiffness: stiffness per area of the object [N/m³]
     two_way: whether our contact takes the place of MuJoCo's contact of the geom with the body of
-        the site: `update` writes `data.xfrc_applied` of both bodies, and the skin has a
-        `relaxation` of 10 ms
+        the site: `update` writes `data.xfrc_applied` of both bodies
+    relaxation: time constant of the skin, both ways [s] (default: up to 10 ms, less for light
+        objects and long steps): without it an object bounces for ever, with too much it flies away
     noise, seed: as of `TactileSensor`
 
     Raises
@@ -77,7 +81,9 @@ def attach(
     design = load_sensor(sensor) if isinstance(sensor, str) else sensor
     silicone = design.dome
     if two_way:
-        silicone = replace(silicone, relaxation=max(silicone.relaxation, RELAXATION))
+        if relaxation is None:
+            relaxation = _relaxation(model, int(model.site_bodyid[at]), touched)
+        silicone = replace(silicone, relaxation=max(silicone.relaxation, relaxation))
         _without_contact(model, int(model.site_bodyid[at]), touched)
     made = TactileSensor(design, body=silicone, noise=noise, seed=seed)
     made.attach(Solid(shape=shape, friction=mu, stiffness=stiffness))
@@ -167,6 +173,21 @@ class MujocoTip:
             # Another sensor, or the user, may apply forces to the same body.
             self._data.xfrc_applied[body] += now - self._applied[row]
             self._applied[row] = now
+
+
+def _relaxation(model: Any, owner: int, touched: int) -> float:
+    """Time constant of the skin with which a contact settles, and is stable [s].
+
+    Forces of a step are those of its start: damping by c = k·τ is stable up to c = 2·m/step, where
+    m is the mass that the contact moves.
+    """
+    body = int(model.geom_bodyid[touched])
+    arm = np.linalg.norm(model.geom_pos[touched] - model.body_ipos[body])
+    arm = float(arm + model.geom_rbound[touched] / math.sqrt(3.0))
+    along, about = model.body_invweight0[body]
+    light = along + arm**2 * about + model.body_invweight0[owner][0]  # 1/mass
+    most = 1.0 / (2.0 * _STIFFNESS * model.opt.timestep * max(light, 1e-9))
+    return float(min(RELAXATION, most))
 
 
 def _number(mujoco: Any, model: Any, kind: str, name: str) -> int:

@@ -1,7 +1,11 @@
 """A sensor in a MuJoCo model: objects rest with their weight, slide at µ, and swing."""
 
+import math
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipk
 
 from chromagrip import UserError
 
@@ -58,6 +62,47 @@ def test_a_box_slides_at_its_friction() -> None:
     sliding = force[-20:]
     assert data.qvel[0] > 0.02
     np.testing.assert_allclose(sliding[:, 0] / -sliding[:, 2], 0.4, rtol=0.03)
+
+
+@pytest.mark.slow
+def test_a_peg_between_two_fingers_swings_with_the_period_of_a_pendulum() -> None:
+    """The fingertips hold it by friction, whose torque is small; a tighter grip stiffens it."""
+    length, half, press, angle = 0.12, 5e-3, 0.35e-3, 0.7
+    side = half + RADIUS - press
+    model = mujoco.MjModel.from_xml_string(f"""
+    <mujoco><option timestep="5e-4" integrator="implicitfast"/><worldbody>
+      <body pos="{-side} 0 0"><site name="left" euler="0 90 0"/></body>
+      <body pos="{side} 0 0"><site name="right" euler="0 -90 0"/></body>
+      <body name="peg" euler="{math.degrees(angle)} 0 0"><freejoint/>
+        <geom name="peg" type="box" size="{half} .01 .01" mass=".001"/>
+        <geom type="box" pos="0 0 {-length}" size=".05 .05 .005" mass=".1"/>
+      </body></worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    tips = [
+        attach(model, data, site=name, body="peg", geom="peg", two_way=True, friction=0.8)
+        for name in ("left", "right")
+    ]
+    angles, times = [], []
+    while data.time < 0.95:
+        mujoco.mj_step(model, data)
+        for tip in tips:
+            tip.update()
+        times.append(data.time)
+        angles.append(2.0 * math.atan2(data.qpos[4], data.qpos[3]))
+    turned = np.array(angles)
+    crossed = np.flatnonzero(np.diff(np.sign(turned)))
+    within = turned[crossed] / (turned[crossed] - turned[crossed + 1])
+    zeros = np.array(times)[crossed] + 5e-4 * within
+    peg = model.body("peg").id
+    mass, arm = model.body_mass[peg], float(np.linalg.norm(model.body_ipos[peg]))
+    turn = Rotation.from_quat(model.body_iquat[peg], scalar_first=True).as_matrix()
+    inertia = (turn**2 @ model.body_inertia[peg])[0] + mass * arm**2
+    # Of the swing between the first two extremes after the start, with its amplitude.
+    amplitude = 0.5 * (-turned[crossed[0] : crossed[1]].min() + turned[crossed[1] :].max())
+    period = 4.0 * math.sqrt(inertia / (mass * WEIGHT * arm))
+    period *= ellipk(math.sin(0.5 * amplitude) ** 2)
+    assert 0.3 < amplitude < angle, (amplitude, zeros, period)
+    assert zeros[2] - zeros[0] == pytest.approx(period, rel=0.03)
 
 
 def test_forces_on_both_bodies_cancel() -> None:

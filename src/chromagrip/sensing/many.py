@@ -146,9 +146,14 @@ class TactileSensors:
         data._begin(chosen)
 
     def update(
-        self, object_pos: ArrayLike, object_quat: ArrayLike | None = None, dt: float = 1.0 / 60.0
+        self,
+        object_pos: ArrayLike | None = None,
+        object_quat: ArrayLike | None = None,
+        dt: float = 1.0 / 60.0,
+        *,
+        force: ArrayLike | None = None,
     ) -> "BatchData":
-        """Move the objects, and begin the next frame.
+        """Move the objects, or load them, and begin the next frame.
 
         The first time after `attach` and `reset` an object on silicone is put at its pose, without
         friction on its way. An environment whose pose is none, or whose model gives up, as for an
@@ -160,30 +165,47 @@ class TactileSensors:
         object_pos: places of the objects' origins in the sensors' frames [m], shape (B, 3)
         object_quat: their turns as quaternions (w, x, y, z), shape (B, 4) (default: none)
         dt: time since the last frame [s]
+        force: instead of poses, forces on the objects [N], see `TactileSensor.update`, shape (B, 3)
 
         Raises
         ------
         UserError
-            Before `attach`, and for arrays of another shape.
+            Before `attach`, for arrays of another shape, and for poses and forces together.
         """
         data, count = self.data, self.num_envs
+        if (object_pos is None) == (force is None):
+            raise UserError("update() needs object_pos or force, and not both")
+        if not (np.isfinite(dt) and dt > 0.0):
+            raise UserError(f"dt = {dt} must be above 0 s")
+        if force is not None:
+            forces = _rows(force, (count, 3), "force")
+            data._next(self._each(lambda k: self._load(k, forces[k], dt)))
+            return data
+        assert object_pos is not None
         places = _rows(object_pos, (count, 3), "object_pos")
         unturned = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
         turns = unturned if object_quat is None else _rows(object_quat, (count, 4), "object_quat")
-        if not (np.isfinite(dt) and dt > 0.0):
-            raise UserError(f"dt = {dt} must be above 0 s")
-
-        def move(k: int) -> str:
-            try:
-                pose, first = _pose(places[k], turns[k]), self._soft and not self._moved[k]
-                self.sensors[k].update(pose, dt=dt, placed=first)
-                self._moved[k] = True
-            except UserError as error:
-                return str(error)
-            return ""
-
-        data._next(self._each(move), dt)
+        data._next(self._each(lambda k: self._move(k, places[k], turns[k], dt)))
         return data
+
+    def _move(self, k: int, place: Array, turn: Array, dt: float) -> str:
+        """Move the object of an environment; return why it could not be moved, or nothing."""
+        try:
+            pose, first = _pose(place, turn), self._soft and not self._moved[k]
+            self.sensors[k].update(pose, dt=dt, placed=first)
+            self._moved[k] = True
+        except UserError as error:
+            return str(error)
+        return ""
+
+    def _load(self, k: int, force: Array, dt: float) -> str:
+        """Load the object of an environment, as `_move`."""
+        try:
+            self.sensors[k].update(force=force, dt=dt)
+            self._moved[k] = True
+        except UserError as error:
+            return str(error)
+        return ""
 
     def state(self) -> tuple[SensorState, ...]:
         """States of all environments, from which they can go on later, any number of times."""
@@ -255,7 +277,7 @@ class BatchData:
         count = sensors.num_envs
         self.failed: Mask = np.zeros(count, dtype=np.bool_)
         self.reasons: tuple[str, ...] = ("",) * count
-        self.time: Array = np.zeros(count)
+        self.time: Array = np.array([sensor.data.time for sensor in sensors.sensors])
         self._due = np.zeros(count)
         self._kept: dict[str, NDArray[Any]] = {}
         self._arrays: dict[str, NDArray[Any]] = {}
@@ -338,11 +360,11 @@ class BatchData:
             self._kept[name] = np.stack(each, out=out)
         return self._kept[name]
 
-    def _next(self, reasons: Sequence[str], dt: float) -> None:
+    def _next(self, reasons: Sequence[str]) -> None:
         """Begin the next frame."""
         self.reasons = tuple(reasons)
         self.failed = np.array([bool(reason) for reason in reasons])
-        self.time = self.time + np.where(self.failed, 0.0, dt)
+        self.time = np.array([sensor.data.time for sensor in self._of.sensors])
         self._kept.clear()
         self._drawn[:] = False
 
