@@ -1,4 +1,4 @@
-"""A gripper in MuJoCo lifts a box and holds Γ = 0.3 by what both cameras see; writes gripper.mp4."""
+"""A gripper in MuJoCo lifts a box and holds Γ = 0.3 by both cameras; writes gripper.mp4."""
 
 import cv2
 import mujoco
@@ -46,8 +46,8 @@ for step in range(1500):
         grip += 0.05 * (np.clip(needed, 0.3, 3.0) - grip)
     margins.append([grip, min(known, default=np.nan), *(tip.data.margin for tip in tips)])
     picture = cv2.cvtColor(np.hstack(images), cv2.COLOR_RGB2BGR)
-    words = f"{seconds:.2f} s  grip {grip:.2f} N  margin read {margins[-1][1]:.2f}"
-    cv2.putText(picture, words, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1)
+    for row, words in enumerate((f"{seconds:.2f} s", f"{grip:.2f} N", f"{margins[-1][1]:.2f}")):
+        cv2.putText(picture, words, (8, 20 + 18 * row), 0, 0.5, (255, 255, 255))
     if video is None:
         size = picture.shape[1::-1]
         video = cv2.VideoWriter("gripper.mp4", cv2.VideoWriter_fourcc(*"mp4v"), 62.5, size)

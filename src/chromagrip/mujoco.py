@@ -182,8 +182,8 @@ def _relaxation(model: Any, owner: int, touched: int) -> float:
     m is the mass that the contact moves.
     """
     body = int(model.geom_bodyid[touched])
-    arm = np.linalg.norm(model.geom_pos[touched] - model.body_ipos[body])
-    arm = float(arm + model.geom_rbound[touched] / math.sqrt(3.0))
+    arm = float(np.linalg.norm(model.geom_pos[touched] - model.body_ipos[body]))
+    arm += float(model.geom_rbound[touched]) / math.sqrt(3.0)
     along, about = model.body_invweight0[body]
     light = along + arm**2 * about + model.body_invweight0[owner][0]  # 1/mass
     most = 1.0 / (2.0 * _STIFFNESS * model.opt.timestep * max(light, 1e-9))
