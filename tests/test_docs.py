@@ -241,15 +241,22 @@ def test_the_example_of_the_pinch_runs(capsys: pytest.CaptureFixture[str]) -> No
 
 def test_the_examples_of_sensor_and_reader_run(capsys: pytest.CaptureFixture[str]) -> None:
     """In one space of names; what is read is what is true."""
-    page = (ROOT / "docs/environments.md").read_text(encoding="utf-8")
-    _, text = page.split("## A sensor and a reader")
+    page = (ROOT / "docs/simulators.md").read_text(encoding="utf-8")
     space: dict[str, Any] = {}
-    for block in (block for language, block in blocks(text) if language == "python"):
+    for block in [block for language, block in blocks(page) if language == "python"][:2]:
         exec(block, space)
     assert "read force" in capsys.readouterr().out
     true, read = space["data"], space["reading"]
     assert read.wrench[:3] == pytest.approx(true.wrench[:3], abs=0.05 * abs(true.wrench[2]))
     assert read.margin == pytest.approx(true.margin, abs=0.15)
+
+
+def test_the_examples_of_other_simulators_run(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (ROOT / "docs/simulators.md").read_text(encoding="utf-8")
+    space: dict[str, Any] = {}
+    for block in [block for language, block in blocks(page) if language == "python"][2:]:
+        exec(block, space)
+    assert "(4, 288, 288, 3)" in capsys.readouterr().out
 
 
 def test_the_examples_of_the_dome_run(capsys: pytest.CaptureFixture[str]) -> None:

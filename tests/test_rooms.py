@@ -53,7 +53,11 @@ MAY_IMPORT = {
     "measure outside live",
 }
 #: Modules beside the rooms: the entry points.
-DOORS = {"__init__": "scene sensing loop", "__main__": "cli output"}
+DOORS = {
+    "__init__": "model scene sensing loop gym",
+    "__main__": "cli output",
+    "mujoco": "model render sensing",
+}
 STAGES = ("model", "render", "tracking", "control")
 #: Largest number of modules in a folder, and of lines in a function.
 MOST_MODULES = 15

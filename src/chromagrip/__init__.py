@@ -20,9 +20,8 @@ if TYPE_CHECKING:
     from .model import shapes
     from .scene.scene import Scene, load_scene, scene_names
     from .sensing.bodies import Pose
-    from .sensing.many import TactileSensors
+    from .sensing.many import TactileSensor, TactileSensors, relative_poses
     from .sensing.reader import Reader, Reading
-    from .sensing.sensor import TactileSensor
 
     __version__: str
 
@@ -33,11 +32,12 @@ _HOMES = {
     "Result": "loop.record:Result",
     "Rig": "loop.rig:Rig",
     "Scene": "scene.scene:Scene",
-    "TactileSensor": "sensing.sensor:TactileSensor",
+    "TactileSensor": "sensing.many:TactileSensor",
     "TactileSensors": "sensing.many:TactileSensors",
     "UserError": "errors:UserError",
     "load_scene": "scene.scene:load_scene",
     "open": "loop.run:open_rig",
+    "relative_poses": "sensing.many:relative_poses",
     "run": "loop.run:run",
     "scene_names": "scene.scene:scene_names",
     "shapes": "model:shapes",
@@ -56,6 +56,7 @@ __all__ = [
     "__version__",
     "load_scene",
     "open",
+    "relative_poses",
     "run",
     "scene_names",
     "shapes",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from chromagrip import Pose, TactileSensor, TactileSensors, UserError, shapes
+from chromagrip import Pose, TactileSensor, TactileSensors, UserError, relative_poses, shapes
 from chromagrip.model import ContactObject, Motion, Solid, dome_forces, simulate_contact
 from chromagrip.render import load_sensor
 
@@ -178,3 +178,14 @@ def test_a_chain_is_loaded_by_forces() -> None:
         sensors.update(dt=1 / 60)
     with pytest.raises(UserError, match=r"force has shape \(1, 3\), expected \(2, 3\)"):
         sensors.update(force=[[0.0, 0.0, -1.0]], dt=1 / 60)
+
+
+def test_poses_in_the_world_become_poses_in_the_sensors_frame() -> None:
+    half = np.sqrt(0.5)
+    tip, straight = (half, 0.0, half, 0.0), (1.0, 0.0, 0.0, 0.0)  # z of the tip is the world's x
+    place, turn = relative_poses((1.0, 0.0, 0.0), tip, (1.5, 0.0, 0.0), straight)
+    np.testing.assert_allclose(place, [0.0, 0.0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(turn, [half, 0.0, -half, 0.0], atol=1e-12)
+    places, turns = relative_poses(np.ones((2, 3)), [tip] * 2, np.ones((2, 3)), [tip] * 2)
+    np.testing.assert_allclose(places, np.zeros((2, 3)), atol=1e-12)
+    np.testing.assert_allclose(turns, [straight] * 2, atol=1e-12)

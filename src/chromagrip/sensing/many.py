@@ -15,12 +15,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from ..errors import UserError
 from ..model import ContactObject, Solid
 from ..model.shapes import Shape
 from .bodies import Pose
-from .sensor import SensorState, TactileSensor
+from .sensor import SensorState
+from .sensor import TactileSensor as TactileSensor
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -259,6 +261,9 @@ class TactileSensors:
         return [int(k) for k in chosen]
 
 
+TactileSensor.several = TactileSensors
+
+
 class BatchData:
     """Pictures and truth of one frame of B environments; arrays are valid until the next update.
 
@@ -374,6 +379,26 @@ class BatchData:
         self.time[list(chosen)] = self._due[list(chosen)] = 0.0
         self._kept.clear()
         self._drawn[list(chosen)] = False
+
+
+def relative_poses(
+    tip_pos: ArrayLike, tip_quat: ArrayLike, object_pos: ArrayLike, object_quat: ArrayLike
+) -> tuple[Array, Array]:
+    """Poses of objects in the frames of sensors, from both poses in the world.
+
+    Parameters
+    ----------
+    tip_pos, object_pos: places of the sensors' and the objects' origins [m], shape (3,) or (B, 3)
+    tip_quat, object_quat: quaternions (w, x, y, z), shape (4,) or (B, 4)
+
+    Returns
+    -------
+    places [m] and quaternions (w, x, y, z), of the same shapes
+    """
+    tip = Rotation.from_quat(np.asarray(tip_quat, float), scalar_first=True).inv()
+    turn = tip * Rotation.from_quat(np.asarray(object_quat, float), scalar_first=True)
+    place = tip.apply(np.subtract(object_pos, tip_pos))
+    return place, turn.as_quat(scalar_first=True)
 
 
 def _rows(values: ArrayLike, shape: tuple[int, int], name: str) -> Array:

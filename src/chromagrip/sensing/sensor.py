@@ -12,7 +12,7 @@ is first read.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -89,13 +89,14 @@ class TactileSensor:
         For a design, a body or a renderer that cannot be used.
     """
 
+    #: Makes several sensors in step: set by `sensing.many`, which `chromagrip` imports it from.
+    several: ClassVar[Callable[..., Any]]
+
     def __new__(cls, *design: Any, num_envs: int | None = None, **options: Any) -> Any:
         """Make one sensor, or several in step."""
         if num_envs is None:
             return super().__new__(cls)
-        from .many import TactileSensors
-
-        return TactileSensors(*design, num_envs=num_envs, **options)
+        return cls.several(*design, num_envs=num_envs, **options)
 
     def __init__(
         self,
