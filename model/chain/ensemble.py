@@ -188,7 +188,7 @@ def step_many(
     )
 
 
-@njit(nogil=True)
+@njit()
 def _advance_many(
     ch: Chain, contacts: Array, w: Scratch, u: Array, friction: Array, slip: Array, pose: Array,
     rate: Array, dt: float, before: float, held: tuple[bool, bool], goals: Array, rule: Rule,

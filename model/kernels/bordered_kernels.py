@@ -45,7 +45,7 @@ def scratch(nodes: int) -> Scratch:
     return Scratch(*(np.zeros(shape) for shape in (*shapes, (n,), (n,), (n,), (n,), (n,), (1,))))
 
 
-@njit(nogil=True)
+@njit()
 def linearise(
     ch: Any, w: Any, u: Array, pose: Array, rate: Array, pace: float, carry: float, turning: float
 ) -> None:
@@ -108,7 +108,7 @@ def linearise(
         w.into[0, 0] = w.into[0, 2] = w.out_of[0, 0] = w.out_of[0, 1] = 0.0
 
 
-@njit(nogil=True)
+@njit()
 def sweep(w: Any, start: int, stop: int, to: int) -> None:
     """Eliminate the nodes from `start` on, in the direction `to` (±1), into node `stop`."""
     if start == stop:
@@ -150,7 +150,7 @@ def sweep(w: Any, start: int, stop: int, to: int) -> None:
     w.corner[0], w.corner[1] = total, stiff
 
 
-@njit(nogil=True)
+@njit()
 def back(w: Any, start: int, stop: int, to: int) -> None:
     """Increments of the nodes from `start` on, in the direction `to` (±1), one from the other.
 

@@ -43,7 +43,7 @@ class Rule(NamedTuple):
     lagged: bool  # solve once, everything linearised at the start of the step
 
 
-@njit(nogil=True)
+@njit()
 def _contact_terms(
     gap: float, gap_before: float, n_x: float, n_z: float, e_x: float, e_z: float, stiff: float,
     mu: float, bristle: float, exponent: float, before: float, slip: float, slip_before: float,
@@ -75,7 +75,7 @@ def _contact_terms(
     return force, f_x, f_z, f_object, a_xx, a_xz, a_zz, c_xx, c_xz
 
 
-@njit(nogil=True)
+@njit()
 def _iterate(
     ch: Any, ct: Any, w: Any, u: Array, friction: Array, slip_before: Array, object_x: float,
     a: int, b: int, drag: float, drag_before: float, held: Any, target: Any, lagged: bool,
@@ -172,7 +172,7 @@ def _iterate(
     return max(change, abs(new_object - d_object)), change
 
 
-@njit(nogil=True)
+@njit()
 def _frictions(ch: Any, ct: Any, w: Any, u: Array, object_x: float, a: int, b: int) -> None:
     """µ under each node of a window, where it now is on the object."""
     for i in range(a, b + 1):
@@ -180,7 +180,7 @@ def _frictions(ch: Any, ct: Any, w: Any, u: Array, object_x: float, a: int, b: i
         w.mu[i] = friction_at(ct, x - (object_x + w.border[1]))
 
 
-@njit(nogil=True)
+@njit()
 def _scan(
     ch: Any, ct: Any, w: Any, u: Array, object_x: float, a: int, b: int
 ) -> tuple[int, int, int, int, float]:
@@ -207,7 +207,7 @@ def _scan(
     return left, right, low, high, smallest
 
 
-@njit(nogil=True)
+@njit()
 def _step(
     ch: Any, ct: Any, w: Any, u: Array, friction: Array, slip: Array, pose: Array, rate: Array,
     dt: float, before: float, held: Any, target: Any, rule: Any, window: Any,
@@ -292,7 +292,7 @@ def _step(
     return SOLVED, max(low - 1, first), min(high + 1, last)
 
 
-@njit(nogil=True)
+@njit()
 def _return_map(
     ch: Any, ct: Any, w: Any, u: Array, friction: Array, object_x: float, a: int, b: int
 ) -> None:
@@ -327,7 +327,7 @@ def record(rows: int, nodes: int) -> Record:
     return Record(*(np.zeros(shape) for shape in shapes))
 
 
-@njit(nogil=True)
+@njit()
 def advance(
     ch: Any, ct: Any, w: Any, u: Array, friction: Array, slip: Array, pose: Array, rate: Array,
     dt: float, before: float, held: Any, drive: Array, rule: Any, out: Any, done: int, every: int,

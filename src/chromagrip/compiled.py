@@ -37,6 +37,9 @@ _compiled_here: set[Path] = set()
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile without Python objects, cached on disk; options as in `numba.njit`.
 
+    A kernel runs without the interpreter's lock, so that threads work beside each other: it must
+    not write into arrays that several threads share.
+
     `fastmath` is refused: last digits would depend on where a kernel is inlined, and on whether it
     was read from the cache. Long sums are vectorised by `tracking.fit.kernels.lanes`.
     """
@@ -49,7 +52,8 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         folder = Path(function.__code__.co_filename).parent
         if folder not in _homes:
             _homes[folder] = next(filter(_make, _places(folder)), None)
-        kernel, home = numba.njit(error_model="numpy", **options)(function), _homes[folder]
+        kernel = numba.njit(error_model="numpy", nogil=True, **options)(function)
+        home = _homes[folder]
         if home is not None and not numba.config.DISABLE_JIT:
             kernel._cache = _Cache(kernel, home)
         return kernel
