@@ -40,6 +40,7 @@ from ..model.shapes import distances
 from .contact import (
     Contact,
     chain_contact,
+    contact_after,
     dome_contact,
     follow_chain,
     follow_dome,
@@ -285,27 +286,23 @@ class SiliconeBody:
         way = float(np.linalg.norm(place - state.place))
         # Longest motion [m] and turn [rad] of the object in a step, and most steps of an update: an
         # object that moves farther is placed without friction on its way.
-        way_m, turn_rad, most_steps = 0.1e-3, math.radians(3.0), 40
+        way_m, turn_rad, most_steps = 0.2e-3, math.radians(3.0), 40
         count = max(1, math.ceil(way / way_m), math.ceil(turn.magnitude() / turn_rad))
         if placed or count > most_steps:
             self._check_outside(place, turn * before)
             contact, count = self._lifted(contact, place, turn * before), 1
             state, turn, before = of_dome(contact)[1], Rotation.identity(), turn * before
-        self._stepper.restore(state)
-        last = before.as_rotvec()
-        for k in range(1, count + 1):
-            share, since = k / count, state.time + dt * (k - 1) / count
-            until = state.time + dt * share
-            now = (Rotation.from_rotvec(share * turn.as_rotvec()) * before).as_rotvec()
-            now = _nearest(now, last)
-            there = state.place + share * (place - state.place) - self._stepper.start
-            here = self._stepper.place - self._stepper.start
-            poses = np.array([[*here, *last], [*there, *now]])
-            self._stepper.motion = _straight(since, until, poses)
+        stepper, shares = self._stepper, np.linspace(0.0, 1.0, count + 1)
+        stepper.restore(state)
+        times = state.time + dt * shares
+        poses = np.empty((count + 1, 6))
+        poses[:, :3] = state.place - stepper.start + shares[:, None] * (place - state.place)
+        poses[:, 3:] = _turns(before, turn, shares)
+        stepper.motion = _through(times, poses)
+        for time in times[1:]:
             with located(f"the {self.name} gave up"):
-                contact = follow_dome(self._stepper, contact, self._start, until)
-            last = now
-        return contact
+                stepper.advance(float(time))
+        return contact_after(stepper, contact, self._start)
 
     def load(self, contact: Contact, wrench: Array, dt: float) -> Contact:
         """Apply force and torque to the object, as `ChainBody.load`."""
@@ -374,11 +371,22 @@ def _still(pose: Array, duration: float, **options: Any) -> Motion:
     return Motion(times=np.array([0.0, duration]), poses=np.stack([pose, pose]), **options)
 
 
-def _straight(since: float, until: float, poses: Array) -> Motion:
-    """Motion from one pose to another between two times [s]."""
-    if since <= 0.0:
-        return Motion(times=np.array([0.0, until]), poses=poses)
-    return Motion(times=np.array([0.0, since, until]), poses=poses[[0, 0, 1]])
+def _through(times: Array, poses: Array) -> Motion:
+    """Motion through poses, at the first of them before its time."""
+    if times[0] <= 0.0:
+        return Motion(times=times - times[0], poses=poses)
+    return Motion(times=np.append(0.0, times), poses=poses[np.r_[0, : len(poses)]])
+
+
+def _turns(before: Rotation, turn: Rotation, shares: Array) -> Array:
+    """Rotation vectors of shares of a turn after a rotation, each near the one before, (S, 3)."""
+    axis, last = turn.as_rotvec(), before.as_rotvec()
+    if np.linalg.norm(axis) < 1e-9:  # the rounding of a pose that does not turn
+        return np.tile(last, (len(shares), 1))
+    turns = (Rotation.from_rotvec(shares[:, None] * axis) * before).as_rotvec()
+    for k, now in enumerate(turns):
+        turns[k] = last = _nearest(now, last)
+    return turns
 
 
 def _nearest(turn: Array, last: Array) -> Array:

@@ -167,8 +167,13 @@ def follow_dome(
     ModelError
         When the model fails.
     """
-    _, before, slip = of_dome(contact)
     stepper.advance(end, wrench)
+    return contact_after(stepper, contact, start)
+
+
+def contact_after(stepper: Stepper, contact: Contact, start: DomeState) -> Contact:
+    """Contact of a stepper that has advanced from `contact`; one motion for its slip."""
+    _, before, slip = of_dome(contact)
     after, dome = stepper.state(), stepper.dome
     field = dome_forces(dome, after, whole=False)
     slip = follow_dome_slip(slip, dome, before, after, field)
