@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from benchmarks.environments import environment_rows
 from benchmarks.fidelity_table import FINE, GROUPS, held_margin
 from benchmarks.parts import Part, parts_study
+from benchmarks.sensors import sensor_rows
 from benchmarks.timing import clock, run_child
 from chromagrip.errors import UserError
 from chromagrip.loop.fidelity import Fidelity
@@ -79,7 +80,7 @@ _SETTLED = 1000
 
 @study("project", "speed")
 def speed_study(asked: Asked) -> Study[Part, tuple[Row, ...]]:
-    """Speed of the loop and its error, plans, processes, memory, start-up, and environments.
+    """Speed of the loop and its error, plans, memory, start-up, environments, and sensors.
 
     A quick run has the parts of a frame and the start-up alone.
     """
@@ -97,6 +98,7 @@ def speed_study(asked: Asked) -> Study[Part, tuple[Row, ...]]:
             "processes": lambda _: _process_rows(),
             "memory": lambda _: _memory_rows(),
             "environments": lambda _: environment_rows(),
+            "sensors": lambda _: sensor_rows(),
             "reproduce": lambda _: _reproduce_rows(),
         }
     return parts_study(parts, asked)
