@@ -30,6 +30,8 @@ def test_example(
 ) -> None:
     if path.stem == "train_margin":
         pytest.importorskip("sklearn", reason="needs the extra learn")
+    if path.stem == "mujoco_gripper":
+        pytest.importorskip("mujoco", reason="needs the extra mujoco")
     monkeypatch.chdir(tmp_path)  # where pictures go
     monkeypatch.setattr(sys, "argv", [str(path)])
     runpy.run_path(str(path), run_name="__main__")
@@ -44,6 +46,21 @@ def test_scenes_of_the_dome(scene: str, tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(sys, "argv", ["dome_contact.py", scene, str(picture)])
     runpy.run_path(str(ROOT / "examples/dome_contact.py"), run_name="__main__")
     assert picture.stat().st_size > 20_000
+
+
+@pytest.mark.slow
+def test_a_gripper_of_mujoco_lifts_a_box_at_the_desired_margin(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("mujoco", reason="needs the extra mujoco")
+    monkeypatch.chdir(tmp_path)
+    left = runpy.run_path(str(ROOT / "examples/mujoco_gripper.py"))
+    assert left["height"] == pytest.approx(0.05, abs=0.004)
+    grip, read, *true = left["margins"][-1]
+    assert read == pytest.approx(0.3, abs=0.05)
+    assert true == pytest.approx([0.3, 0.3], abs=0.08)
+    assert grip < 1.5
+    assert (tmp_path / "gripper.mp4").stat().st_size > 20_000
 
 
 @pytest.mark.slow
