@@ -247,8 +247,9 @@ def working_time() -> float:
     return time.perf_counter() - _clock.seconds
 
 
+@cache
 def announce() -> None:
-    """Report on stderr when kernels are compiled, and if they cannot be cached."""
+    """Report on stderr once when kernels are compiled, and if they cannot be cached."""
     events.register("numba:compile", _Announcer())
 
 

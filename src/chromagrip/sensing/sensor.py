@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..by_name import Choice
+from ..compiled import announce
 from ..errors import UserError, located
 from ..model import REFERENCE_NODES, ContactObject, Fingertip, SoftBody, Solid, margin_within
 from ..render import (
@@ -194,6 +195,7 @@ class TactileSensor:
         UserError
             For an object that the body cannot touch, see `ability`.
         """
+        announce()  # the first contact compiles
         contact = self.body.touch(obj)
         self._obj = obj
         self._take(contact, contact, 0, contact.state.carried)
