@@ -66,6 +66,8 @@ def mesh(
         raise UserError(f"cells of a mesh must be {text}")
     turn = _rotation(rotation)
     path = Path(source) if isinstance(source, str | Path) else None
+    if path is None and not hasattr(source, "vertices"):
+        raise UserError(f"a mesh is a file or a trimesh.Trimesh, not {source!r}")
     given: Any = source
     with located("mesh" if path is None else f"mesh {path}"):
         read = given.copy() if path is None else _read(trimesh, path)
@@ -96,7 +98,7 @@ def _rotation(rotation: ArrayLike | None) -> Array:
 def _read(trimesh: Any, path: Path) -> Any:
     """Mesh of a file, several bodies of it put together."""
     if not path.is_file():
-        raise UserError("there is no such file")
+        raise UserError("it is a folder" if path.is_dir() else "there is no such file")
     kinds = sorted(trimesh.available_formats())
     if path.suffix[1:].lower() not in kinds:
         raise UserError(f"no mesh file ends in {path.suffix!r}; formats are {', '.join(kinds)}")

@@ -21,6 +21,7 @@ from .model import Solid, shapes
 from .model.shapes import Shape
 from .render import SensorDesign, load_sensor
 from .sensing.bodies import FARTHEST, Pose
+from .sensing.given import number
 from .sensing.sensor import SensorData, TactileSensor
 
 Array = NDArray[np.float64]
@@ -62,7 +63,8 @@ def attach(
     friction: µ (default: the geom's sliding friction)
     stiffness: stiffness per area of the object [N/m³]
     two_way: whether our contact takes the place of MuJoCo's contact of the geom with the body of
-        the site: `update` writes `data.xfrc_applied` of both bodies
+        the site, and of those welded to it: `update` adds to `data.xfrc_applied` of both bodies.
+        The model is changed, for all of its data
     relaxation: time constant of the skin, both ways [s] (default: up to 10 ms, less for light
         objects and long steps): without it an object bounces for ever, with too much it flies away
     noise, seed: as of `TactileSensor`
@@ -74,19 +76,35 @@ def attach(
         that the sensor cannot touch.
     """
     mujoco = need("mujoco", "mujoco")
+    if not (isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData)):
+        raise UserError("attach() needs MuJoCo's MjModel and MjData, in this order")
+    if data.xpos.shape != (model.nbody, 3) or data.qpos.shape != (model.nq,):
+        raise UserError("the MjData is of another model")
+    if not isinstance(two_way, bool):
+        raise UserError(f"two_way = {two_way!r} must be True or False")
     at = _number(mujoco, model, "site", site)
     touched = _touched(mujoco, model, body, geom)
+    owner = int(model.site_bodyid[at])
+    if owner == int(model.geom_bodyid[touched]):
+        raise UserError(f"the site {site!r} is on the body {body!r}, which it is to touch")
     shape, turn = _shape(mujoco, model, touched)
     mu = float(model.geom_friction[touched, 0]) if friction is None else friction
     design = load_sensor(sensor) if isinstance(sensor, str) else sensor
+    if not isinstance(design, SensorDesign):
+        raise UserError(f"sensor = {sensor!r} must be the name or file of a design, or a design")
     silicone = design.dome
     if two_way:
         if relaxation is None:
-            relaxation = _relaxation(model, int(model.site_bodyid[at]), touched)
-        silicone = replace(silicone, relaxation=max(silicone.relaxation, relaxation))
-        _without_contact(model, int(model.site_bodyid[at]), touched)
+            relaxation = _relaxation(model, owner, touched)
+        given = number(relaxation, "relaxation [s]", 0.0)
+        silicone = replace(silicone, relaxation=max(silicone.relaxation, given))
     made = TactileSensor(design, body=silicone, noise=noise, seed=seed)
-    made.attach(Solid(shape=shape, friction=mu, stiffness=stiffness))
+    solid = Solid(
+        shape=shape, friction=number(mu, "friction"), stiffness=number(stiffness, "stiffness")
+    )
+    made.attach(solid)
+    if two_way:
+        _without_contact(model, owner, touched)
     return MujocoTip(mujoco, model, data, made, (at, touched), turn, two_way)
 
 
@@ -192,6 +210,8 @@ def _relaxation(model: Any, owner: int, touched: int) -> float:
 
 def _number(mujoco: Any, model: Any, kind: str, name: str) -> int:
     """Number of a named site, body or geom."""
+    if not isinstance(name, str):  # MuJoCo itself dies of one that is no text
+        raise UserError(f"the {kind} is given by its name, not by {name!r}")
     found = mujoco.mj_name2id(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
     if found < 0:
         count = getattr(model, f"n{kind}")
@@ -211,7 +231,9 @@ def _touched(mujoco: Any, model: Any, body: str, geom: str | None) -> int:
             raise UserError(f"geom {geom!r} is not of the body {body!r}")
         return chosen
     if len(own) != 1:
-        names = ", ".join(model.geom(int(k)).name or f"number {k}" for k in own) or "none"
+        if not len(own):
+            raise UserError(f"body {body!r} has no geom to touch")
+        names = ", ".join(model.geom(int(k)).name or f"number {k}" for k in own)
         raise UserError(f"body {body!r} has {len(own)} geoms ({names}); choose one: geom=NAME")
     return int(own[0])
 
@@ -247,8 +269,16 @@ def _shape(mujoco: Any, model: Any, geom: int) -> tuple[Shape, Array]:
 
 
 def _without_contact(model: Any, owner: int, touched: int) -> None:
-    """Turn MuJoCo's contact of the geoms of a body with another geom off, and no other contact."""
-    own = np.flatnonzero(model.geom_bodyid == owner)
+    """Turn MuJoCo's contact of the geoms of a body with another geom off, and no other contact.
+
+    Bodies that are welded to it count; what is fixed in the world does so by its body alone.
+    """
+    welded = model.body_weldid[model.geom_bodyid] == model.body_weldid[owner]
+    same = model.geom_bodyid == owner
+    own = np.flatnonzero(welded if model.body_weldid[owner] else same & (owner > 0))
+    pairs = np.stack([model.pair_geom1, model.pair_geom2], axis=-1)
+    listed = (np.isin(pairs, own) & (pairs[:, ::-1] == touched)).any(axis=1)
+    model.pair_margin[listed] = -1.0  # a contact begins where the distance is below it [m]
     used = np.bitwise_or.reduce(model.geom_contype) | np.bitwise_or.reduce(model.geom_conaffinity)
     free = [bit for bit in range(31) if not int(used) >> bit & 1]
     for geom in own:

@@ -75,7 +75,7 @@ def test_what_is_no_pose_is_a_flag_and_the_others_go_on(three: TactileSensors) -
     data = three.update(now, turns, dt=1 / 60)
     assert data.failed.tolist() == [True, True, False]
     assert "too deep" in data.reasons[0]
-    assert "no turn" in data.reasons[1]
+    assert "has length 0" in data.reasons[1]
     np.testing.assert_array_equal(data.wrench[:2], before[:2])
     assert -data.wrench[2, 2] > -before[2, 2]
     again = three.update(places(3, 7), dt=1 / 60)
@@ -111,6 +111,14 @@ def test_bad_input_is_one_sentence(three: TactileSensors) -> None:
         three.reset([3])
     with pytest.raises(UserError, match="2 objects are given for 3 environments"):
         three.attach([shapes.ball(BALL)] * 2)
+    with pytest.raises(UserError, match="'mug' is no object"):
+        three.attach("mug")  # type: ignore[arg-type]
+    with pytest.raises(UserError, match="a quaternion has length 0"):
+        relative_poses(np.zeros(3), np.zeros(4), np.zeros(3), [1, 0, 0, 0])
+    with pytest.raises(UserError, match=r"object_pos must be finite numbers of shape \(3,\)"):
+        relative_poses(np.zeros(3), [1, 0, 0, 0], np.zeros(2), [1, 0, 0, 0])
+    three.reset([])  # of none
+    assert (three.data.time > 0.0).all()
     with pytest.raises(UserError, match="num_envs = 0"):
         TactileSensor(DESIGN, num_envs=0)
     with pytest.raises(UserError, match="call attach"):

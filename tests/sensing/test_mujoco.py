@@ -156,6 +156,27 @@ def test_shapes_are_those_of_the_geoms(kind: str, size: str, top: float) -> None
     assert shape.name == {"sphere": "ball"}.get(kind, kind)
 
 
+@pytest.mark.parametrize("how", ["child", "pair"])
+def test_contact_of_a_welded_body_and_of_a_listed_pair_is_off(how: str) -> None:
+    """A site is often on a frame of its own; a box rests with its weight all the same."""
+    hull = '<geom name="hull" type="sphere" size="0.0199"/>'
+    inner = '<body name="mount"><site name="tip"/></body>' if how == "child" else ""
+    pair = '<contact><pair geom1="hull" geom2="box"/></contact>' if how == "pair" else ""
+    text = f"""<mujoco><option timestep="1e-3"/><worldbody>
+      <geom name="floor" type="plane" size="1 1 1"/>
+      <body name="finger" pos="0.1 0 0.2"><joint type="slide" axis="0 0 1" stiffness="1e5"/>
+      <inertial pos="0 0 0" mass="1" diaginertia=".01 .01 .01"/>{hull}{inner}
+      {"" if inner else '<site name="tip"/>'}</body>{box(0.05)}</worldbody>{pair}</mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    tip = attach(model, data, site="tip", body="part", two_way=True, friction=0.5)
+    force = -run(model, data, tip, 0.6)[-100:, 2]
+    assert data.ncon == 0
+    assert force.mean() == pytest.approx(WEIGHT * 0.05, rel=0.01)
+    floor, part = model.geom("floor").id, model.geom("box").id
+    assert model.geom_contype[floor] & model.geom_conaffinity[part]  # another contact stays
+
+
 def test_what_is_missing_is_named() -> None:
     two = '<body name="part"><geom name="a" size="0.01"/><geom name="b" size="0.02"/></body>'
     model, data = world(two + '<body name="egg"><geom type="ellipsoid" size="1 1 2"/></body>')
@@ -165,5 +186,19 @@ def test_what_is_missing_is_named() -> None:
         attach(model, data, site="tip", body="cup")
     with pytest.raises(UserError, match=r"2 geoms \(a, b\); choose one: geom=NAME"):
         attach(model, data, site="tip", body="part")
+    for wrong, words in (
+        ({"site": None}, "the site is given by its name, not by None"),
+        ({"site": 0}, "the site is given by its name, not by 0"),
+        ({"sensor": 3}, "must be the name or file of a design"),
+        ({"two_way": "no"}, "two_way = 'no' must be True or False"),
+        ({"two_way": True, "relaxation": -1.0}, r"relaxation \[s\]"),
+        ({"body": "tip", "geom": None}, "body 'tip' has no geom to touch"),
+    ):
+        with pytest.raises(UserError, match=words):
+            attach(model, data, **{"site": "tip", "body": "part", "geom": "a"} | wrong)  # type: ignore[arg-type]
+    with pytest.raises(UserError, match="MjModel and MjData, in this order"):
+        attach(data, model, site="tip", body="part", geom="a")
+    with pytest.raises(UserError, match="the MjData is of another model"):
+        attach(model, world(box(0.1))[1], site="tip", body="part", geom="a")
     with pytest.raises(UserError, match="type ellipsoid cannot be touched"):
         attach(model, data, site="tip", body="egg")

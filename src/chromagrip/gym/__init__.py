@@ -61,7 +61,9 @@ def register_when_imported() -> None:
     """Register the environments now if Gymnasium is imported, else when it is."""
     if hasattr(sys.modules.get("gymnasium"), "make"):
         register()
-    elif "gymnasium" not in sys.modules and not any(isinstance(finder, _WhenImported) for finder in sys.meta_path):
+    elif "gymnasium" not in sys.modules and not any(
+        isinstance(finder, _WhenImported) for finder in sys.meta_path
+    ):
         sys.meta_path.insert(0, _WhenImported())
 
 

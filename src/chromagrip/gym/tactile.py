@@ -20,6 +20,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import UserError
+from ..sensing.given import number
 from ..sensing.many import TactileSensors, Touchable
 from ..sensing.sensor import TactileSensor
 
@@ -100,7 +101,7 @@ class TactileObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._sensed.sensors.close()
 
     def _seen(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-        place, turn = self._pose_of(self.env)
+        place, turn = _poses_of(self._pose_of, self.env)
         seen = self._sensed((np.reshape(place, (1, -1)), np.reshape(turn, (1, -1))), self._dt)
         (reason,) = self._sensed.sensors.data.reasons
         return _joined(observation, seen[0]), info | ({FAILED: reason} if reason else {})
@@ -135,6 +136,10 @@ class VectorTactileObservation(VectorWrapper):
         **options: Any,
     ) -> None:
         super().__init__(env)
+        if env.metadata.get("autoreset_mode") == AutoresetMode.SAME_STEP:
+            raise UserError(
+                "autoreset_mode SAME_STEP would lose the last observation; take another one"
+            )
         self._pose_of, self._dt = pose_of, _step_of(env, dt)
         self._sensed = _Sensed(design, env.num_envs, obj, friction, shown, options)
         single = _with(env.single_observation_space, self._sensed.space)
@@ -160,11 +165,10 @@ class VectorTactileObservation(VectorWrapper):
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step the environments; the sensors of those that begin again begin again, too."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        over, mode = terminated | truncated, self.env.metadata.get("autoreset_mode")
-        begun = over if mode == AutoresetMode.SAME_STEP else self._over
-        if begun.any() and mode != AutoresetMode.DISABLED:
-            self._sensed.sensors.reset(begun)
-        self._over = over
+        disabled = self.env.metadata.get("autoreset_mode") == AutoresetMode.DISABLED
+        if self._over.any() and not disabled:
+            self._sensed.sensors.reset(self._over)
+        self._over = terminated | truncated
         observation, info = self._seen(observation, info)
         return observation, reward, terminated, truncated, info
 
@@ -174,7 +178,10 @@ class VectorTactileObservation(VectorWrapper):
         self._sensed.sensors.close()
 
     def _seen(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-        seen, data = self._sensed(self._pose_of(self.env), self._dt), self._sensed.sensors.data
+        seen, data = (
+            self._sensed(_poses_of(self._pose_of, self.env), self._dt),
+            self._sensed.sensors.data,
+        )
         if data.failed.any():
             info = info | {FAILED: np.array(data.reasons, dtype=object), f"_{FAILED}": data.failed}
         return _joined(observation, seen), info
@@ -242,4 +249,14 @@ def _step_of(env: Any, dt: float | None) -> float:
     found = getattr(env.unwrapped, "dt", None) if dt is None else dt
     if found is None:
         raise UserError("the environment does not tell the time of a step; give dt [s]")
+    if not number(found, "dt") > 0.0:
+        raise UserError(f"dt = {found} must be above 0 s")
     return float(found)
+
+
+def _poses_of(pose_of: Callable[[Any], Poses], env: Any) -> Poses:
+    """What the user's function returns."""
+    found = pose_of(env)
+    if not (isinstance(found, tuple | list) and len(found) == 2):
+        raise UserError(f"pose_of returned {found!r}; expected a place and a quaternion")
+    return found[0], found[1]

@@ -21,6 +21,7 @@ from ..errors import UserError
 from ..model import ContactObject, Solid
 from ..model.shapes import Shape
 from .bodies import Pose
+from .given import number
 from .sensor import SensorState
 from .sensor import TactileSensor as TactileSensor
 
@@ -111,6 +112,8 @@ class TactileSensors:
             For objects that the body cannot touch, and when their number is not that of the
             environments.
         """
+        if isinstance(obj, str):
+            raise UserError(f"{obj!r} is no object; shapes.mesh({obj!r}) reads a file")
         several = isinstance(obj, Sequence)
         if several and len(obj) != self.num_envs:  # type: ignore[arg-type]
             raise UserError(
@@ -121,11 +124,11 @@ class TactileSensors:
         solids: list[Solid | ContactObject] = []
         for one in given:
             own = {"friction": friction, "stiffness": stiffness}
-            own = {name: value for name, value in own.items() if value is not None}
+            own = {n: number(value, n) for n, value in own.items() if value is not None}
             if isinstance(one, Shape):
                 solids.append(Solid(shape=one, **own))  # type: ignore[arg-type]
             elif own:
-                raise UserError(f"{' and '.join(own)} are given with a shape alone")
+                raise UserError(f"give {' and '.join(own)} with a shape, or in the object itself")
             else:
                 solids.append(one)
         self._each(lambda k: self.sensors[k].attach(solids[k]))
@@ -177,7 +180,7 @@ class TactileSensors:
         data, count = self.data, self.num_envs
         if (object_pos is None) == (force is None):
             raise UserError("update() needs object_pos or force, and not both")
-        if not (np.isfinite(dt) and dt > 0.0):
+        if not number(dt, "dt") > 0.0:
             raise UserError(f"dt = {dt} must be above 0 s")
         if force is not None:
             forces = _rows(force, (count, 3), "force")
@@ -251,6 +254,8 @@ class TactileSensors:
         if env_ids is None:
             return list(range(self.num_envs))
         chosen = np.atleast_1d(np.asarray(env_ids))
+        if chosen.size == 0:
+            return []
         if chosen.dtype == np.bool_ and chosen.shape == (self.num_envs,):
             chosen = np.flatnonzero(chosen)
         whole = chosen.ndim == 1 and np.issubdtype(chosen.dtype, np.integer)
@@ -345,6 +350,11 @@ class BatchData:
         return self._read("slipping")
 
     @property
+    def friction(self) -> Array:
+        """µ of the objects, shape (B,)."""
+        return self._read("friction")
+
+    @property
     def margin(self) -> Array:
         """Safety margins Γ with the objects' µ, shape (B,); NaN without contact."""
         return self._read("margin")
@@ -394,11 +404,35 @@ def relative_poses(
     Returns
     -------
     places [m] and quaternions (w, x, y, z), of the same shapes
+
+    Raises
+    ------
+    UserError
+        For arrays of other shapes, and for quaternions of length 0.
     """
-    tip = Rotation.from_quat(np.asarray(tip_quat, float), scalar_first=True).inv()
-    turn = tip * Rotation.from_quat(np.asarray(object_quat, float), scalar_first=True)
-    place = tip.apply(np.subtract(object_pos, tip_pos))
-    return place, turn.as_quat(scalar_first=True)
+    quats, places = (
+        [_numbers(values, last, name) for name, values in given.items()]
+        for last, given in (
+            (4, {"tip_quat": tip_quat, "object_quat": object_quat}),
+            (3, {"tip_pos": tip_pos, "object_pos": object_pos}),
+        )
+    )
+    if any((np.linalg.norm(quat, axis=-1) < 1e-6).any() for quat in quats):
+        raise UserError("a quaternion has length 0")
+    of_tip, of_object = (Rotation.from_quat(quat, scalar_first=True) for quat in quats)
+    place = of_tip.inv().apply(places[1] - places[0])
+    return place, (of_tip.inv() * of_object).as_quat(scalar_first=True)
+
+
+def _numbers(values: ArrayLike, last: int, name: str) -> Array:
+    """Array of finite numbers of shape (last,) or (B, last)."""
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        array = np.zeros(0)
+    if array.ndim not in (1, 2) or array.shape[-1] != last or not np.isfinite(array).all():
+        raise UserError(f"{name} must be finite numbers of shape ({last},) or (B, {last})")
+    return array
 
 
 def _rows(values: ArrayLike, shape: tuple[int, int], name: str) -> Array:
@@ -416,5 +450,5 @@ def _pose(place: Array, turn: Array) -> Pose:
     """Pose of a row; a quaternion need not have length 1."""
     size = float(np.linalg.norm(turn))
     if not 1e-6 < size < np.inf:
-        raise UserError(f"object_quat = {turn.tolist()} is no turn")
+        raise UserError(f"object_quat = {turn.tolist()} has length {size:g}; a turn has length 1")
     return Pose(place=tuple(place.tolist()), turn=tuple((turn / size).tolist()))
