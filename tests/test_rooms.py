@@ -67,6 +67,7 @@ MOST_LINES = 60
 LONG_FUNCTIONS = {
     "loop.poses.folder.render_poses",
     "model.chain.ensemble.step_many",
+    "mujoco.attach",
     "pictures.estimate.estimate_source",
 }
 

@@ -31,7 +31,8 @@ RUNS = ("chain", "dome", "pinch", "live")
 #: the fit of a dome's contact finds lower costs: an interval of µ before any friction moves most.
 SINCE = {"chain": 3e-5, "dome": 4e-2}
 #: Ends of the names of columns that are read from pictures.
-READ = ("_estimated", "_estimated_n", "_estimated_nmm", "_deviation_n", "_low", "_high")
+READ = ("_estimated", "_estimated_n", "_estimated_nmm", "_low", "_high")
+READ += ("_deviation_n", "_deviation_nmm")
 
 
 @pytest.fixture(params=RUNS)

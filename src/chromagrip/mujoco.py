@@ -76,10 +76,7 @@ def attach(
         that the sensor cannot touch.
     """
     mujoco = need("mujoco", "mujoco")
-    if not (isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData)):
-        raise UserError("attach() needs MuJoCo's MjModel and MjData, in this order")
-    if data.xpos.shape != (model.nbody, 3) or data.qpos.shape != (model.nq,):
-        raise UserError("the MjData is of another model")
+    _check(mujoco, model, data)
     if not isinstance(two_way, bool):
         raise UserError(f"two_way = {two_way!r} must be True or False")
     at = _number(mujoco, model, "site", site)
@@ -191,6 +188,14 @@ class MujocoTip:
             # Another sensor, or the user, may apply forces to the same body.
             self._data.xfrc_applied[body] += now - self._applied[row]
             self._applied[row] = now
+
+
+def _check(mujoco: Any, model: Any, data: Any) -> None:
+    """Refuse what is no model with its data."""
+    if not (isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData)):
+        raise UserError("attach() needs MuJoCo's MjModel and MjData, in this order")
+    if data.xpos.shape != (model.nbody, 3) or data.qpos.shape != (model.nq,):
+        raise UserError("the MjData is of another model")
 
 
 def _relaxation(model: Any, owner: int, touched: int) -> float:

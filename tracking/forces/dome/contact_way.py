@@ -91,8 +91,7 @@ class ContactWay:
             pose = poses_of(self.dome, object_[None], there[None])
             near = alike if there is after else None
             contact = self._contacts.step(contact, solid, pose[0][0], pose[1][0], near)
-        self._check_depth(contact)
-        return contact
+        return self._described(contact)
 
     def step_and_changes(
         self,
@@ -153,15 +152,15 @@ class ContactWay:
             contact = known
             every = self._contacts.changed(start, contact, own, rotation, place, 1.0 / small)
             start = self._beside(contact, every)
-        self._check_depth(contact)
-        return contact, Changes(contact=contact, changed=every)
+        return self._described(contact), Changes(contact=contact, changed=every)
 
-    def _check_depth(self, contact: PosedContact) -> None:
-        """Refuse a contact that is deeper in the silicone than it is described."""
+    def _described(self, contact: PosedContact) -> PosedContact:
+        """The contact; refuse one that is deeper in the silicone than it is described."""
         outwards = lattice(self.dome).outwards[contact.nodes]
         depths = -np.einsum("ij,ij->i", contact.displacement, outwards)
         if depths.max(initial=0.0) > self._model.deepest * self.dome.thickness:
             raise UserError("the object is pressed deeper than the silicone is described")
+        return contact
 
     def _beside(self, contact: PosedContact, every: PosedContact) -> PosedContact:
         """Stack a contact, and copies of it with small shares of changes."""

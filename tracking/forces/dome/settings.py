@@ -34,7 +34,7 @@ class ContactModelSettings:
     shift_per_press: float = 0.6
     hollow: float = 0.1
     farthest: float = 2.0
-    deepest: float = 0.9
+    deepest: float = 0.75
     flattest: float = -0.9
     sharpest: float = 8.0
     longest_part: float = 0.08
