@@ -99,8 +99,8 @@ def test_an_object_that_is_too_sharp_is_refused() -> None:
 
 
 def test_a_dome_that_cannot_bear_the_grip_is_refused() -> None:
-    with pytest.raises(UserError, match="a dome of 20 mm cannot hold 300 N"):
-        hold(dome_in(ON_CORE), replace(GRIP, normal=300.0))
+    with pytest.raises(UserError, match="a dome of 20 mm cannot hold 2000 N"):
+        hold(dome_in(ON_CORE), replace(GRIP, normal=2000.0))
 
 
 # ---- a contact that is fitted ----
