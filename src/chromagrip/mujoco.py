@@ -148,9 +148,8 @@ class MujocoTip:
         if data.time < self._time:  # the simulation was reset
             self.reset()
         since = float(data.time) - self._time
-        pose = self._pose()
-        if since > 0.0 and np.linalg.norm(pose.place) < FARTHEST:
-            self.sensor.update(pose, dt=since, placed=not self._placed)
+        if since > 0.0:
+            self.sensor.update(self._pose(), dt=since, placed=not self._placed)
             self._placed, self._time = True, float(data.time)
         if self._two_way:
             self._apply(self.sensor.data.wrench)
@@ -159,6 +158,8 @@ class MujocoTip:
     def reset(self) -> None:
         """Begin again without contact, at the model's time."""
         self.sensor.reset()
+        if self._data.time >= self._time:  # else MuJoCo's own reset has cleared all forces
+            self._data.xfrc_applied[list(self._bodies)] -= self._applied
         self._time = float(self._data.time)
         self._applied[:], self._placed = 0.0, False
 

@@ -118,6 +118,22 @@ def test_forces_on_both_bodies_cancel() -> None:
     np.testing.assert_allclose(moment[0], -np.array(moment[1]), atol=1e-12)
 
 
+@pytest.mark.parametrize("how", ["reset", "far"])
+def test_no_force_is_left_behind(how: str) -> None:
+    """After a reset of the tip alone, and where the object is suddenly metres away."""
+    model, data = world(box(0.1))
+    tip = attach(model, data, site="tip", body="part", two_way=True, friction=0.5)
+    run(model, data, tip, 0.1)
+    assert data.xfrc_applied.any()
+    if how == "reset":
+        tip.reset()
+    else:
+        data.qpos[2] += 5.0
+        mujoco.mj_step(model, data)
+        tip.update()
+    np.testing.assert_allclose(data.xfrc_applied, 0.0, atol=1e-12)
+
+
 def test_other_contacts_of_the_fingertip_stay() -> None:
     other = (
         '<body name="other" pos="0.1 0.015 0.23"><freejoint/><geom size="0.01" mass="0.01"/></body>'
