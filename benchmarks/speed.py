@@ -80,7 +80,7 @@ _SETTLED = 1000
 
 @study("project", "speed")
 def speed_study(asked: Asked) -> Study[Part, tuple[Row, ...]]:
-    """Speed of the loop and its error, plans, memory, start-up, environments, and sensors.
+    """Speed of the loop and its error, plans, processes, memory, start-up, environments, sensors.
 
     A quick run has the parts of a frame and the start-up alone.
     """

@@ -410,18 +410,13 @@ def relative_poses(
     UserError
         For arrays of other shapes, and for quaternions of length 0.
     """
-    quats, places = (
-        [_numbers(values, last, name) for name, values in given.items()]
-        for last, given in (
-            (4, {"tip_quat": tip_quat, "object_quat": object_quat}),
-            (3, {"tip_pos": tip_pos, "object_pos": object_pos}),
-        )
-    )
-    if any((np.linalg.norm(quat, axis=-1) < 1e-6).any() for quat in quats):
+    away = _numbers(object_pos, 3, "object_pos") - _numbers(tip_pos, 3, "tip_pos")
+    tip, obj = _numbers(tip_quat, 4, "tip_quat"), _numbers(object_quat, 4, "object_quat")
+    if any((np.linalg.norm(quat, axis=-1) < 1e-6).any() for quat in (tip, obj)):
         raise UserError("a quaternion has length 0")
-    of_tip, of_object = (Rotation.from_quat(quat, scalar_first=True) for quat in quats)
-    place = of_tip.inv().apply(places[1] - places[0])
-    return place, (of_tip.inv() * of_object).as_quat(scalar_first=True)
+    back = Rotation.from_quat(tip, scalar_first=True).inv()
+    turn = back * Rotation.from_quat(obj, scalar_first=True)
+    return back.apply(away), turn.as_quat(scalar_first=True)
 
 
 def _numbers(values: ArrayLike, last: int, name: str) -> Array:

@@ -91,11 +91,10 @@ class ContactFit:
         damping = 1e-3
         at = self._point(object_, poses, shifts)
         explained, slopes, changes = self._explained(at, shifts)
-        known = math.inf if rival_of is None else rival_of.cost
         for turn in range(rounds):
-            if turn >= settings.promising_rounds:
+            if rival_of is not None and turn >= settings.promising_rounds:
                 information, gradient = self._cost.normal(explained, at.object_, at.poses)
-                if at.cost - gradient @ np.linalg.solve(information, gradient) > known:
+                if at.cost - gradient @ np.linalg.solve(information, gradient) > rival_of.cost:
                     break
             better = self._better(at, explained, damping)
             if better is None:

@@ -55,6 +55,7 @@ class ContactWay:
     def __init__(self, dome: Dome, model: ContactModelSettings = ContactModelSettings()) -> None:
         self.dome, self._model = dome, model
         self._contacts = PosedContacts(dome)
+        self._outwards = lattice(dome).outwards
         self._units = units_of(dome)
         self._object = np.full(len(OBJECT), np.nan)
         self._solids: list[Solid] = []
@@ -156,7 +157,7 @@ class ContactWay:
 
     def _described(self, contact: PosedContact) -> PosedContact:
         """The contact; refuse one that is deeper in the silicone than it is described."""
-        outwards = lattice(self.dome).outwards[contact.nodes]
+        outwards = self._outwards[contact.nodes]
         depths = -np.einsum("ij,ij->i", contact.displacement, outwards)
         if depths.max(initial=0.0) > self._model.deepest * self.dome.thickness:
             raise UserError("the object is pressed deeper than the silicone is described")
