@@ -62,7 +62,7 @@ def same(one: list[Step], other: list[Step]) -> bool:
 @pytest.mark.parametrize(
     "observation",
     [
-        "forces",
+        pytest.param("forces", marks=pytest.mark.slow),  # also in test_environment.py
         "margin",
         "image",
         pytest.param("markers", marks=pytest.mark.slow),
