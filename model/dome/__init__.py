@@ -6,10 +6,11 @@ in closed form for each wave along it. `simulate_contact` moves an object over t
 with a signed distance, with Dahl friction, sliding and torsion.
 """
 
+from ..kernels.dome.turn_kernels import rotation_of_quaternion, rotation_vector
 from .compliance import compliance_table, make_table
 from .dome import Dome, Pad, SoftBody, lattice
 from .inside import MarkerField, SkinField, inside_table
-from .motion import AXES, Motion, press_and_move
+from .motion import AXES, Motion, Way, press_and_move
 from .placing import rise_beside, rotation_of, touching_place
 from .posed import PosedContact, PosedContacts, together
 from .simulate import (
@@ -43,6 +44,7 @@ __all__ = [
     "Solid",
     "StepCount",
     "Stepper",
+    "Way",
     "compliance_table",
     "contact_steps",
     "displacements",
@@ -59,6 +61,8 @@ __all__ = [
     "resting",
     "rise_beside",
     "rotation_of",
+    "rotation_of_quaternion",
+    "rotation_vector",
     "save_dome_state",
     "simulate_contact",
     "solid_stiffness",

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import UserError
 from ..checks import finite
+from ..kernels.dome.turn_kernels import turned
 
 Array = NDArray[np.float64]
 
@@ -101,6 +102,39 @@ class Motion:
         """Load on the free axes, without gravity [N, N·m], shape (6,)."""
         assert self.loads is not None
         return _between(self.times, self.loads, time)
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """Straight way of an object from a pose to another, in place of a `Motion`.
+
+    Attributes
+    ----------
+    begin, end: times of both poses [s]
+    place, rotation: first place [m] and rotation matrix, shapes (3,) and (3, 3)
+    shift, turn: translation [m] and rotation vector [rad] to the other pose, each of shape (3,)
+    """
+
+    begin: float
+    end: float
+    place: Array
+    rotation: Array
+    shift: Array
+    turn: Array
+
+    @property
+    def moves_free(self) -> NDArray[np.bool_]:
+        """Whether each axis is free, shape (6,): none."""
+        return _NONE
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Rotation matrix and place [m] at a time [s]."""
+        share = (time - self.begin) / (self.end - self.begin)
+        return turned(self.rotation, share * self.turn), self.place + share * self.shift
+
+
+_NONE = np.zeros(len(AXES), np.bool_)
+_NONE.setflags(write=False)
 
 
 def _between(times: Array, values: Array, time: float) -> Array:

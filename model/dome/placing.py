@@ -5,7 +5,7 @@ import scipy
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ..kernels.dome.newton_kernels import turned
+from ..kernels.dome.turn_kernels import turned
 from ..shapes import distances
 from .dome import SoftBody, lattice
 from .solid import Solid

@@ -6,14 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..force_field import ForceField
+from ..kernels.dome.contact_slip_kernels import add_slip
 from .dome import SoftBody, lattice
 from .state import DomeState
 
 Array = NDArray[np.float64]
-
-#: Places of the axes that follow each one, and those after them.
-_NEXT = np.array([1, 2, 0])
-_AFTER = np.array([2, 0, 1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,60 +51,23 @@ def follow_dome_slip(
     before, after: states at the start and the end of the step
     field: contact forces of the state `after`
     """
-    touching = field.contact
-    path = np.full_like(record.path, np.nan)
-    if not touching.any():
+    touching, path = np.flatnonzero(field.contact), np.full_like(record.path, np.nan)
+    if not len(touching):
         return DomeSlip(
             path=path,
             lateral_displacement=record.lateral_displacement,
             rigid_slip=record.rigid_slip,
         )
-    step = _sliding(dome, before, after, touching)
-    old = record.path[touching]
-    sizes = np.linalg.norm(old, axis=1)
-    known = np.isfinite(sizes)
-    slid = old[known][np.argmin(sizes[known])] if known.any() else np.zeros(3)
-    # What touched in neither state has not moved in contact: its path begins after this step.
-    path[touching] = np.where(known[:, None], old + step, slid)
-    places = field.position[touching]
     nearest = 0.6  # how far a point of the skin may be from the nearest node [pitches]
-    half = nearest * dome.spacing
-    least = _least(path[touching], places, after.normals[touching], half)
-    slides = _least(step[known], places[known], after.normals[touching][known], half)
+    # What touched in neither state has not moved in contact: its path begins after this step.
+    least, slides = add_slip(
+        record.path, touching, lattice(dome).points, before.displacement, after.displacement,
+        after.normals, (before.rotation, before.place), (after.rotation, after.place),
+        nearest * dome.spacing, path,
+    )  # fmt: skip
     return DomeSlip(
         path=path,
         current=least,
         lateral_displacement=max(record.lateral_displacement, least),
         rigid_slip=record.rigid_slip + slides,
     )
-
-
-def _least(paths: Array, places: Array, normals: Array, around: float) -> float:
-    """Smallest path length in a contact, also at points between the places of known paths.
-
-    Parameters
-    ----------
-    around: largest distance of a point of the contact from the nearest place [m]
-    """
-    if not len(paths):
-        return 0.0
-    away = places - places.mean(axis=0)
-    # The cross product; `np.cross` takes ten times as long for so few.
-    arms = normals[:, _NEXT] * away[:, _AFTER] - normals[:, _AFTER] * away[:, _NEXT]
-    size = (arms**2).sum()
-    turn = abs((arms * (paths - paths.mean(axis=0))).sum()) / size if size > 0.0 else 0.0
-    return max(0.0, float(np.linalg.norm(paths, axis=1).min()) - turn * around)
-
-
-def _sliding(
-    dome: SoftBody, before: DomeState, after: DomeState, nodes: NDArray[np.bool_]
-) -> Array:
-    """Slip of the object over some nodes in a step, in its tangent planes [m], shape (n, 3)."""
-    points = lattice(dome).points[nodes]
-    normals = after.normals[nodes]
-    then = points + before.displacement[nodes]
-    now = points + after.displacement[nodes]
-    # The object's material point that was at the node before
-    carried = (then - before.place) @ before.rotation @ after.rotation.T + after.place
-    path = carried - now
-    return path - normals * np.einsum("ij,ij->i", path, normals)[:, None]

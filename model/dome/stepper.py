@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 
 from ..errors import ConvergenceError
 from ..kernels.dome.compliance_kernels import displace
-from ..kernels.dome.newton_kernels import solve_contact, turned
+from ..kernels.dome.newton_kernels import solve_contact
 from ..kernels.dome.node_kernels import Outcome
 from ..kernels.dome.touch_kernels import Pose
+from ..kernels.dome.turn_kernels import turned
 from .compliance import skin_compliance
 from .dome import SoftBody
-from .motion import Motion
+from .motion import Motion, Way
 from .placing import rotation_of, touching_place
 from .skin import Skin
 from .solid import Solid
@@ -53,12 +54,33 @@ STEP = StepSettings()
 
 
 class Stepper(Skin):
-    """Arrays of a dome and an object in contact; `advance` makes a step and changes them."""
+    """Arrays of a dome and an object in contact; `advance` makes a step and changes them.
+
+    Attributes
+    ----------
+    motion: motion of the object in the next steps
+    start: place of the object where the motion's pose is all zeros [m], shape (3,)
+    """
+
+    #: State that the arrays hold, if it is known.
+    _held: DomeState | None = None
 
     def __init__(self, dome: SoftBody, solid: Solid, motion: Motion, state: DomeState) -> None:
-        self.motion = motion
+        self.motion: Motion | Way = motion
         self.start = touching_place(dome, solid, rotation_of(motion.poses[0]))
         super().__init__(dome, solid, state)
+
+    def restore(self, state: DomeState) -> None:
+        """Set all arrays from a state, as `Skin.restore`; free where they hold it."""
+        if state is not self._held:
+            super().restore(state)
+            self._held = state
+
+    def state(self) -> DomeState:
+        """Copy everything that the next step starts from, once a step."""
+        if self._held is None:
+            self._held = super().state()
+        return self._held
 
     def advance(self, until: float, load: Array | None = None) -> StepCount:
         """Step to a time [s], in halves as long as it does not converge.
@@ -119,6 +141,7 @@ class Stepper(Skin):
         the step. A viscous skin moves continuously to the next one.
         """
         step = until - self.time
+        self._held = None
         self.memory[:] = self.linear
         lag, rounds, products = STEP.slow, 0, 0
         for _ in range(STEP.creeps):
@@ -134,6 +157,7 @@ class Stepper(Skin):
                     break
                 self.restore(before)
                 lag = max(4.0 * lag, STEP.quick)
+        self._held = None
         self.memory[:] = 0.0
         count = count._replace(rounds=rounds, products=products)
         if count.error < STEP.tolerance and lag == 0.0:
@@ -143,6 +167,7 @@ class Stepper(Skin):
     def _solve(self, until: float, lag: float, load: Array | None = None) -> StepCount:
         """Solve one step and take it over, whatever its error; `lag` is viscosity over step."""
         step = until - self.time
+        self._held = None
         free = np.asarray(self.motion.moves_free, np.bool_)
         moves = bool(free.any())
         rotation, place = self._guess(until)
@@ -173,7 +198,10 @@ class Stepper(Skin):
 
     def _guess(self, until: float) -> tuple[Array, Array]:
         """Guess the pose after a step: the present one on free axes, else the prescribed one."""
-        motion, free = self.motion, self.motion.moves_free
+        motion = self.motion
+        if isinstance(motion, Way):
+            return motion.at(until)
+        free = motion.moves_free
         if not free.any():
             return self._pose(motion.pose_at(until))
         if not free[3:].any():
@@ -193,10 +221,10 @@ class Stepper(Skin):
     ) -> tuple[Array, Array]:
         """Inertia matrix of the free axes over a step, and wrench that drives them."""
         motion = self.motion
-        wanted = (motion.load_at(until) if load is None else load).copy()
         inertia = np.zeros((6, 6))
-        if not motion.moves_free.any():
-            return inertia, wanted
+        if isinstance(motion, Way) or not motion.moves_free.any():
+            return inertia, np.zeros(6)
+        wanted = (motion.load_at(until) if load is None else load).copy()
         mass = np.zeros((6, 6))
         mass[:3, :3] = motion.mass * np.eye(3)
         mass[3:, 3:] = rotation @ np.diag(motion.inertia) @ rotation.T

@@ -5,7 +5,7 @@ and the closing distance of the drive: a system of two compliance blocks with a 
 body's inertia is computed in the world's frame, see `body`.
 """
 
-from .body import Filling, Moving, RigidBody, box_body, kinetic_energy, rotation_by, rotation_vector
+from .body import Filling, Moving, RigidBody, box_body, kinetic_energy, rotation_by
 from .hand import HandPath, Shake
 from .outcome import Limits, Outcome, PinchRecord, follow_pinch, mean_pressure
 from .pinch import FACING, Pinch, bases
@@ -35,7 +35,6 @@ __all__ = [
     "mean_pressure",
     "pinch_rest",
     "rotation_by",
-    "rotation_vector",
     "save_pinch_state",
     "simulate_pinch",
 ]

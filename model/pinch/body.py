@@ -9,7 +9,6 @@ with r = step/previous step; r = 0 is backward Euler, the first step. A swing of
 loses the share (ω·h)⁴/4 of its amplitude per step; faster oscillations are damped at once.
 """
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ..checks import finite, within
-from ..kernels.dome.newton_kernels import turned
+from ..kernels.dome.turn_kernels import rotation_vector, turned
 
 Array = NDArray[np.float64]
 
@@ -220,22 +219,6 @@ def _turning(s: Scheme, moving: Moving, rotation: Array) -> Array:
     """
     turn = rotation_vector(rotation @ moving.rotation.T)
     return np.asarray((s.now * turn - s.before * moving.turn_before) / s.step)
-
-
-def rotation_vector(rotation: Array) -> Array:
-    """Rotation vector [rad] of a rotation matrix of less than half a turn, shape (3,)."""
-    sine = 0.5 * np.array(
-        [
-            rotation[2, 1] - rotation[1, 2],
-            rotation[0, 2] - rotation[2, 0],
-            rotation[1, 0] - rotation[0, 1],
-        ]
-    )
-    size = math.sqrt(float(sine @ sine))
-    if size < 1e-12:
-        return sine
-    angle = math.atan2(size, 0.5 * (float(np.trace(rotation)) - 1.0))
-    return np.asarray(sine * (angle / size))
 
 
 def rotation_by(vector: Array) -> Array:

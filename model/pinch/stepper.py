@@ -12,10 +12,11 @@ from ..dome.state import StepCount
 from ..dome.stepper import STEP
 from ..errors import ConvergenceError
 from ..kernels.dome.krylov_kernels import System, new_system
-from ..kernels.dome.newton_kernels import Second, solve_contact, turned
+from ..kernels.dome.newton_kernels import Second, solve_contact
 from ..kernels.dome.node_kernels import Contact, Outcome
 from ..kernels.dome.touch_kernels import Pose
-from .body import Moving, Scheme, carried, rotation_vector, scheme, wanted
+from ..kernels.dome.turn_kernels import rotation_vector, turned
+from .body import Moving, Scheme, carried, scheme, wanted
 from .pinch import FACING, Pinch, bases
 from .state import PinchState
 

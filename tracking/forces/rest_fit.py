@@ -274,13 +274,15 @@ def _check_match(
     markers: RestMarkers, match: Agreement, scale: float, settings: PoseSettings
 ) -> None:
     """Refuse a rest frame that no pose explains."""
-    allowed, share = settings.apart * markers.pitch * scale, 100 * settings.share
-    if match.share < settings.share or match.found < settings.found or match.error > allowed:
+    allowed = settings.apart * markers.pitch * scale
+    crooked = markers.sensor.defects.crookedness_mm > 0.0
+    share = settings.crooked if crooked else settings.share
+    if match.share < share or match.found < settings.found or match.error > allowed:
         raise UserError(
             f"{100 * match.share:.0f} % of the markers at rest lie at places of the calibrated "
             f"sensor, however its camera is turned and shifted, {match.error:.1f} px RMS from "
-            f"them; wanted: at least {share:.0f} % and at most {allowed:.1f} px. Is it another "
-            "sensor? Or is the picture not of one at rest?"
+            f"them; wanted: at least {100 * share:.0f} % and at most {allowed:.1f} px. Is it "
+            "another sensor? Or is the picture not of one at rest?"
         )
 
 

@@ -107,7 +107,10 @@ class PoseSettings:
         [pitches], and share of the layout, from the middle; near it a tilt looks like a shift
     from_search: such rounds of a fit from a pose of the search
     largest_tilt: largest tilt that can be distinguished from a shift [rad]
-    share: share of the visible markers that must lie at design positions
+    share: share of the visible markers that must lie at design positions; a layout resembles
+        others, 95 % of whose markers then lie at its positions
+    crooked: the same for a design whose specimens have crooked markers, the farthest of which lie
+        elsewhere; of the markers of another design at most 40 % lie at its positions
     found: share of the design positions that must have markers
     apart: largest RMS distance of the markers from the design positions [pitches]
     sure: loss of overlap below which a fit from the design's own pose needs no search, over
@@ -137,6 +140,7 @@ class PoseSettings:
     )
     largest_tilt: float = math.radians(15.0)
     share: float = 0.97
+    crooked: float = 0.9
     found: float = 0.3
     apart: float = 0.2
     sure: float = 0.5

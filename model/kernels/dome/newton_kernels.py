@@ -9,6 +9,7 @@ from ....compiled import njit
 from .krylov_kernels import System, prepare, product_of, solve
 from .node_kernels import SHORTEST, Contact, Outcome, closing, lever, settle, true_force, wrench
 from .touch_kernels import Pose, Stiffening, Touched
+from .turn_kernels import turned
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -42,24 +43,6 @@ class Second(NamedTuple):
     place: Array
     stiff: Stiffening
     share: float
-
-
-@njit()
-def turned(rotation: Array, vector: Array) -> Array:
-    """Rotation after a further turn by a rotation vector [rad] in the world's axes."""
-    angle = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
-    out = rotation.copy()
-    if angle == 0.0:
-        return out
-    x, y, z = vector[0] / angle, vector[1] / angle, vector[2] / angle
-    c, s = np.cos(angle), np.sin(angle)
-    for k in range(3):
-        a, b, d = rotation[0, k], rotation[1, k], rotation[2, k]
-        along = (x * a + y * b + z * d) * (1.0 - c)
-        out[0, k] = a * c + (y * d - z * b) * s + x * along
-        out[1, k] = b * c + (z * a - x * d) * s + y * along
-        out[2, k] = d * c + (x * b - y * a) * s + z * along
-    return out
 
 
 @njit()

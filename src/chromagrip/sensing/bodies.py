@@ -11,7 +11,6 @@ from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ..errors import UserError, located
 from ..model import (
@@ -34,7 +33,15 @@ from ..model import (
 )
 from ..model.chain import chain
 from ..model.chain import contact as contact_numbers
-from ..model.dome import Stepper, lattice, no_dome_slip, resting
+from ..model.dome import (
+    Stepper,
+    Way,
+    lattice,
+    no_dome_slip,
+    resting,
+    rotation_of_quaternion,
+    rotation_vector,
+)
 from ..model.kernels import contact_frames
 from ..model.shapes import distances
 from .contact import (
@@ -279,29 +286,26 @@ class SiliconeBody:
         An object that moves far in one update is lifted and put down again, without friction on
         its way.
         """
-        _, state, _ = of_dome(contact)
-        place = np.array(pose.place)
-        before = Rotation.from_matrix(state.rotation)
-        turn = Rotation.from_quat(pose.turn, scalar_first=True) * before.inv()
-        way = float(np.linalg.norm(place - state.place))
+        state, place = of_dome(contact)[1], np.array(pose.place)
+        rotation = rotation_of_quaternion(*pose.turn)
+        shift, turn = place - state.place, rotation_vector(rotation @ state.rotation.T)
+        angle = float(np.linalg.norm(turn))
         # Longest motion [m] and turn [rad] of the object in a step, and most steps of an update: an
         # object that moves farther is placed without friction on its way.
         way_m, turn_rad, most_steps = 0.2e-3, math.radians(3.0), 40
-        count = max(1, math.ceil(way / way_m), math.ceil(turn.magnitude() / turn_rad))
+        count = max(1, math.ceil(np.linalg.norm(shift) / way_m), math.ceil(angle / turn_rad))
+        if angle < 1e-9:  # the rounding of a pose that does not turn
+            turn = np.zeros(3)
         if placed or count > most_steps:
-            self._check_outside(place, turn * before)
-            contact, count = self._lifted(contact, place, turn * before), 1
-            state, turn, before = of_dome(contact)[1], Rotation.identity(), turn * before
-        stepper, shares = self._stepper, np.linspace(0.0, 1.0, count + 1)
+            self._check_outside(place, rotation)
+            contact, count = self._lifted(contact, place, rotation), 1
+            state, shift, turn = of_dome(contact)[1], np.zeros(3), np.zeros(3)
+        stepper, end = self._stepper, state.time + dt
         stepper.restore(state)
-        times = state.time + dt * shares
-        poses = np.empty((count + 1, 6))
-        poses[:, :3] = state.place - stepper.start + shares[:, None] * (place - state.place)
-        poses[:, 3:] = _turns(before, turn, shares)
-        stepper.motion = _through(times, poses)
-        for time in times[1:]:
+        stepper.motion = Way(state.time, end, state.place, state.rotation, shift, turn)
+        for k in range(1, count + 1):
             with located(f"the {self.name} gave up"):
-                stepper.advance(float(time))
+                stepper.advance(end if k == count else state.time + dt * k / count)
         return contact_after(stepper, contact, self._start)
 
     def load(self, contact: Contact, wrench: Array, dt: float) -> Contact:
@@ -340,24 +344,24 @@ class SiliconeBody:
         assert field.directions is not None
         return field.position, field.normal[:, None] * field.directions + field.friction
 
-    def _check_outside(self, place: Array, turn: Rotation) -> None:
+    def _check_outside(self, place: Array, rotation: Array) -> None:
         """Refuse a place where the object would reach into the core below the silicone."""
         skin, shape = lattice(self.carrier), self._stepper.solid.shape
         deepest = 0.8 * self.carrier.thickness  # deepest press that the model describes
         looks = 12  # number of depths in the body at which an object is checked for being inside
         for depth in np.linspace(deepest, self.carrier.radius, looks):
             inside = skin.points - depth * skin.outwards
-            gap, _ = distances(shape, turn.inv().apply(inside - place))
+            gap, _ = distances(shape, (inside - place) @ rotation)
             if gap.min() < 0.0:
                 raise UserError(
                     f"the {self.name} gave up: at {place.tolist()} m the object {shape.name} is "
                     f"too deep, more than {1e3 * deepest:.2g} mm in it"
                 )
 
-    def _lifted(self, contact: Contact, place: Array, turn: Rotation) -> Contact:
+    def _lifted(self, contact: Contact, place: Array, rotation: Array) -> Contact:
         """Contact of an object at a place, before it has pressed."""
         _, state, slip = of_dome(contact)
-        away = replace(self._start, time=state.time, place=place, rotation=turn.as_matrix())
+        away = replace(self._start, time=state.time, place=place, rotation=rotation)
         slip = replace(no_dome_slip(self.carrier), rigid_slip=slip.rigid_slip)
         return replace(contact, state=away, slip=slip)
 
@@ -369,30 +373,3 @@ Body = ChainBody | SiliconeBody
 def _still(pose: Array, duration: float, **options: Any) -> Motion:
     """Motion that stays at a pose, except along its free axes."""
     return Motion(times=np.array([0.0, duration]), poses=np.stack([pose, pose]), **options)
-
-
-def _through(times: Array, poses: Array) -> Motion:
-    """Motion through poses, at the first of them before its time."""
-    if times[0] <= 0.0:
-        return Motion(times=times - times[0], poses=poses)
-    return Motion(times=np.append(0.0, times), poses=poses[np.r_[0, : len(poses)]])
-
-
-def _turns(before: Rotation, turn: Rotation, shares: Array) -> Array:
-    """Rotation vectors of shares of a turn after a rotation, each near the one before, (S, 3)."""
-    axis, last = turn.as_rotvec(), before.as_rotvec()
-    if np.linalg.norm(axis) < 1e-9:  # the rounding of a pose that does not turn
-        return np.tile(last, (len(shares), 1))
-    turns = (Rotation.from_rotvec(shares[:, None] * axis) * before).as_rotvec()
-    for k, now in enumerate(turns):
-        turns[k] = last = _nearest(now, last)
-    return turns
-
-
-def _nearest(turn: Array, last: Array) -> Array:
-    """Equivalent rotation vector, turned on by a full turn if that is nearer to the last [rad]."""
-    size = float(np.linalg.norm(turn))
-    if size < 1e-9:
-        return turn
-    other = turn * (1.0 - 2.0 * math.pi / size)
-    return other if np.linalg.norm(other - last) < np.linalg.norm(turn - last) else turn

@@ -40,6 +40,8 @@ from .given import number, numbers
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
+#: Places of the axes that follow each one, and those after them.
+_NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
 #: Share of µ·Fn at which the friction of a node counts as slipping.
 SLIPPING = 0.98
 
@@ -393,7 +395,9 @@ class SensorData:
         The torque of a chain, which has no width, is the one in its plane.
         """
         places, forces = self._nodes
-        return np.concatenate([forces.sum(axis=0), np.cross(places, forces).sum(axis=0)])
+        moments = places.T @ forces
+        torque = moments[_NEXT, _AFTER] - moments[_AFTER, _NEXT]
+        return np.concatenate([forces.sum(axis=0), torque])
 
     @property
     def slipping(self) -> NDArray[np.bool_]:
