@@ -147,12 +147,10 @@ class Udp:
     def __init__(self, target: str) -> None:
         host, port = address(target)
         try:
-            family, kind, protocol, _, self._to = socket.getaddrinfo(
-                host, port, type=socket.SOCK_DGRAM
-            )[0]
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
             raise UserError(f"target {target!r}: host {host} is not known: {error}") from None
-        self._socket = socket.socket(family, kind, protocol)
+        self._to, self._socket = found[4], socket.socket(*found[:3])
         self._socket.setblocking(False)
         self._target = target
 

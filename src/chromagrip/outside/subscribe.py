@@ -8,6 +8,7 @@ command = controller.command(observation_of(message))
 import select
 import socket
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
 
@@ -40,7 +41,9 @@ class Subscriber:
     def __init__(self, source: str) -> None:
         self._source, self.skipped = source, 0
         host, port = address(source)
-        self._close: Any
+        self._wait: Callable[[float], bool]
+        self._take: Callable[[], bytes]
+        self._close: Callable[[], Any] | None
         if source.startswith("udp:"):
             made = socket.socket(
                 socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM
