@@ -39,6 +39,7 @@ EXTRAS = {
     "learn": Extra("torch", "reading datasets with PyTorch"),
     "live": Extra("viser", "the live page"),
     "ros": Extra("mcap", "writing a run as an MCAP log"),
+    "modbus": Extra("pymodbus", "driving a gripper over Modbus"),
     "viz": Extra("rerun", "writing a run as a Rerun log"),
     "mujoco": Extra("mujoco", "sensors in a MuJoCo model"),
     "reference": Extra("mitsuba", "path tracing the reference pictures"),
