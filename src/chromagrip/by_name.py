@@ -339,7 +339,7 @@ def make(kind: str, name: str, factory: Callable[[], Any]) -> Any:
 
 @contextmanager
 def blaming(failure: str, *errors: type[BaseException]) -> Iterator[None]:
-    """Turn errors that a plug-in raises inside into a `UserError` with kind and text.
+    """Turn errors that a plug-in raises inside into a `UserError` with text and kind, if another.
 
     Parameters
     ----------
@@ -355,9 +355,8 @@ def blaming(failure: str, *errors: type[BaseException]) -> Iterator[None]:
     try:
         yield
     except errors as reason:
-        raise UserError(
-            f"{failure}: {type(reason).__name__}: {reason}{_origin(reason)}"
-        ) from reason
+        kind = "" if isinstance(reason, UserError) else f"{type(reason).__name__}: "
+        raise UserError(f"{failure}: {kind}{reason}{_origin(reason)}") from reason
 
 
 def _origin(reason: BaseException) -> str:

@@ -132,7 +132,8 @@ def grasp(
     gripper: Annotated[
         str | None,
         option(
-            "gripper for --source: class with command(force); by default a simulated one",
+            "gripper for --source, see `chromagrip list grippers`, or a class with command(force); "
+            "by default a simulated one",
             "NAME|MODULE:CLASS",
         ),
     ] = None,

@@ -93,6 +93,16 @@ def integrators(*, json_only: Json = False) -> int:
     return print_list(INTEGRATORS.descriptions(), json_only)
 
 
+def grippers(*, json_only: Json = False) -> int:
+    """List the grippers of `grasp --source`, including those of installed packages.
+
+    Example: chromagrip list grippers
+    """
+    from ..outside.gripper import GRIPPERS
+
+    return print_list(GRIPPERS.descriptions(), json_only)
+
+
 def recipes(*, json_only: Json = False) -> int:
     """List the shipped recipes of datasets.
 
@@ -116,6 +126,7 @@ LISTS: dict[str, Callable[..., int]] = {
     "reconstructors": reconstructors,
     "renderers": renderers,
     "integrators": integrators,
+    "grippers": grippers,
     "recipes": recipes,
     "readouts": readouts,
 }
