@@ -39,4 +39,87 @@ EXTRAS = {
     "learn": Extra("torch", "reading datasets with PyTorch"),
     "live": Extra("viser", "the live page"),
     "ros": Extra("mcap", "writing a run as an MCAP log"),
+    "zmq": Extra("zmq", "publishing readings over ZeroMQ"),
     "modbus": Extra("pymodbus", "driving a gripper over Modbus"),
+    "viz": Extra("rerun", "writing a run as a Rerun log"),
+    "mujoco": Extra("mujoco", "sensors in a MuJoCo model"),
+    "reference": Extra("mitsuba", "path tracing the reference pictures"),
+}
+
+
+def install_command(*extras: str) -> str:
+    """Command that installs these extras."""
+    return f"pip install 'chromagrip[{','.join(extras)}]'"
+
+
+def missing(*extras: str, purpose: str = "") -> str | None:
+    """Name the extras that are not installed in one sentence; None if all are.
+
+    Parameters
+    ----------
+    extras: names in `EXTRAS`
+    purpose: use of the extras, as the subject of a sentence (default: the first missing one's)
+    """
+    absent = [name for name in extras if find_spec(EXTRAS[name].module) is None]
+    if not absent:
+        return None
+    names = " and ".join(f"`{name}`" for name in absent)
+    return (
+        f"{purpose or EXTRAS[absent[0]].purpose} needs the extra{'s' * (len(absent) > 1)} {names}: "
+        f"{install_command(*absent)}"
+    )
+
+
+def require(*extras: str, purpose: str = "") -> None:
+    """Refuse if one of these extras is not installed; parameters as in `missing`.
+
+    Raises
+    ------
+    UserError
+        When one is missing.
+    """
+    problem = missing(*extras, purpose=purpose)
+    if problem is not None:
+        raise UserError(problem)
+
+
+def table_suffix(otherwise: str) -> str:
+    """Suffix of a table that is written: `.parquet`, or another one without the extra `data`."""
+    return ".parquet" if missing("data") is None else otherwise
+
+
+def lacking(table: str, video: str = "") -> list[str]:
+    """One sentence for each extra without which a folder has less.
+
+    Parameters
+    ----------
+    table: file that is written in place of a Parquet table, such as `trace.npz`
+    video: file of a video (default: the folder has none)
+    """
+    whole = f"{table.partition('.')[0]}.parquet"
+    purposes = {"data": f"{table} is written, as {whole}"}
+    if video:
+        purposes["video"] = f"there is no {video}, as a video"
+    told = (missing(extra, purpose=purpose) for extra, purpose in purposes.items())
+    return [sentence for sentence in told if sentence is not None]
+
+
+def need(module: str, extra: str) -> Any:
+    """Import a module that an extra brings.
+
+    Parameters
+    ----------
+    module: full name of the module, such as `pyarrow.parquet`
+    extra: name in `EXTRAS`
+
+    Raises
+    ------
+    UserError
+        When the extra is missing, or its package cannot be imported.
+    """
+    require(extra)
+    try:
+        return import_module(module)
+    except ImportError as error:
+        text = f"{EXTRAS[extra].purpose} is not possible, because {module} cannot be imported"
+        raise UserError(f"{text}: {error}; to mend it: {install_command(extra)}") from error

@@ -7,14 +7,19 @@ The host is this machine unless another is named.
 
 import socket
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
+
+import cv2
+import numpy as np
 
 from ..errors import UserError
 from ..extras import need
 from ..folders import disk_errors
+from ..output.logs.entries import OK, WARNING
+from ..output.logs.mcap_file import McapFile, Status
 from ..render import Frame
 from .message import Message, encoded
 
@@ -193,4 +198,47 @@ class Zmq:
         self._context.term()
 
 
-_KINDS: dict[str, Callable[[str], Publisher]] = {"jsonl": JsonLines, "udp": Udp, "zmq": Zmq}
+class Mcap:
+    """An MCAP file of ROS 2 messages: wrench, margins, friction, diagnostics and pictures."""
+
+    #: Topics of numbers, by the key of a message.
+    _topics: ClassVar[Mapping[str, str]] = {
+        "margin": "/margin",
+        "margin_low": "/margin/low",
+        "margin_high": "/margin/high",
+        "mu": "/mu",
+        "normal_n": "/normal_n",
+        "friction_n": "/friction_n",
+        "late_s": "/late_s",
+    }
+
+    def __init__(self, target: str) -> None:
+        self._file = McapFile(Path(target.removeprefix("mcap:")))
+
+    def send(self, message: Message, frame: Frame) -> None:
+        """Append the messages of a frame."""
+        time = frame.time
+        data = cv2.imencode(".jpg", frame.image[..., ::-1])[1].tobytes()
+        self._file.picture(time, "/image", data, "jpeg")
+        for key, topic in self._topics.items():
+            if message.get(key) is not None:
+                self._file.number(time, topic, message[key])
+        if message.get("force_x_n") is not None:
+            force = np.array([message[f"force_{axis}_n"] for axis in "xyz"])
+            torque = np.array([0.0, 0.0, 1e-3 * message["torque_nmm"]])
+            self._file.wrench(time, "/wrench", force, torque)
+        reason = message["no_estimate"]
+        level = WARNING if reason else OK
+        self._file.diagnostics(time, [Status("estimate", level, reason or "estimated", {})])
+
+    def close(self) -> None:
+        """Give the file its name."""
+        self._file.close()
+
+
+_KINDS: dict[str, Callable[[str], Publisher]] = {
+    "jsonl": JsonLines,
+    "udp": Udp,
+    "zmq": Zmq,
+    "mcap": Mcap,
+}
