@@ -105,12 +105,13 @@ def fill(page: str, name: str, lines: Iterable[str]) -> None:
 
 
 def columns_table(body: Mechanics) -> list[str]:
-    """Columns of a trace; those of both fingers in one line, and of a dome what a chain lacks."""
-    shown: dict[Column, list[str]] = {}
-    for name, column in columns_of(body).items():
-        if body != "dome" or "chain" not in column.bodies:
-            shown.setdefault(column, []).append(f"`{name}`")
-    lines = [(", ".join(names), each.meaning, each.unit) for each, names in shown.items()]
+    """Columns of a trace: of a dome what a chain lacks, of a pinch what its fingers lack."""
+    lines = [
+        (f"`{name}`", column.meaning, column.unit)
+        for name, column in columns_of(body).items()
+        if not (body == "dome" and "chain" in column.bodies)
+        and not name.startswith(("first_", "second_"))
+    ]
     return list(markdown(Table(("column", "content", "unit"), tuple(lines))))
 
 

@@ -181,6 +181,12 @@ def test_the_page_on_files_has_the_columns_of_the_table(body: Mechanics) -> None
     columns = {name: (each.meaning, each.unit) for name, each in trace_of(body).items()}
     if body == "dome":  # its table has what a chain lacks
         columns = {name: each for name, each in columns.items() if name not in trace_of("chain")}
+    if body == "pinch":  # each finger has columns of a dome
+        dome = {name: (each.meaning, each.unit) for name, each in trace_of("dome").items()}
+        fingers = {name for name in columns if name.startswith(("first_", "second_"))}
+        for name in fingers:
+            assert columns.pop(name) == dome[name.partition("_")[2]], name
+        assert len(fingers) > 40
     assert told == columns
 
 
