@@ -34,7 +34,7 @@ from benchmarks.model.side_by_side_figure import draw_side_by_side
 from chromagrip.calibrate.first_use import EPOCHS, HISTORIES, NOISE
 from chromagrip.calibrate.readout import VARIATIONS
 from chromagrip.calibrate.training_ranges import range_lines, training_ranges
-from chromagrip.loop.column import Column, Mechanics
+from chromagrip.loop.column import Mechanics
 from chromagrip.loop.columns import columns_of
 from chromagrip.measure.engine import measure
 from chromagrip.measure.reproduce.parts import PARTS as THESIS
