@@ -38,7 +38,7 @@ EXTRAS = {
     "cloud": Extra("fsspec", "a dataset at an address"),
     "learn": Extra("torch", "reading datasets with PyTorch"),
     "live": Extra("viser", "the live page"),
-    "ros": Extra("mcap", "writing a run as an MCAP log"),
+    "ros": Extra("rosbags", "writing a run as an MCAP log"),
     "viz": Extra("rerun", "writing a run as a Rerun log"),
     "mujoco": Extra("mujoco", "sensors in a MuJoCo model"),
     "reference": Extra("mitsuba", "path tracing the reference pictures"),
