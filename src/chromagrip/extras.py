@@ -38,7 +38,7 @@ EXTRAS = {
     "cloud": Extra("fsspec", "a dataset at an address"),
     "learn": Extra("torch", "reading datasets with PyTorch"),
     "live": Extra("viser", "the live page"),
-    "ros": Extra("mcap", "writing a run as an MCAP log"),
+    "ros": Extra("rosbags", "ROS 2 bags and MCAP logs"),
     "zmq": Extra("zmq", "publishing readings over ZeroMQ"),
     "modbus": Extra("pymodbus", "driving a gripper over Modbus"),
     "viz": Extra("rerun", "writing a run as a Rerun log"),
