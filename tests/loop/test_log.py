@@ -19,9 +19,9 @@ from chromagrip import UserError, load_scene, run
 from chromagrip.loop.results.reports import write_logs_again
 from chromagrip.loop.results.tactile_video import HEAD
 from chromagrip.loop.run_files import FILES
-from chromagrip.output.pictures import open_source
 from chromagrip.output.png import encode_png
 from chromagrip.outside.grasp import run_outside
+from chromagrip.sources import open_source
 
 from .test_pinch import COARSE
 from .test_raw_frames import Ends

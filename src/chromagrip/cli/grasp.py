@@ -124,8 +124,8 @@ def grasp(
     source: Annotated[
         str | None,
         option(
-            "real frames instead of the simulation: camera:0, a folder, a video or pipe:FILE; the "
-            "first frames must show the unloaded sensor",
+            "real frames instead of the simulation: camera:0, a folder, a video, or another of "
+            "`chromagrip list sources`; the first ones must show the unloaded sensor",
             "SOURCE",
         ),
     ] = None,
@@ -395,7 +395,11 @@ def live(
     run: Annotated[Path | None, option("finished run to show instead", "DIR")] = None,
     source: Annotated[
         str | None,
-        option("frames to show instead: camera:0, a folder, a video or pipe:FILE", "SOURCE"),
+        option(
+            "frames to show instead: camera:0, a folder, a video, or another of `chromagrip list "
+            "sources`",
+            "SOURCE",
+        ),
     ] = None,
     calibration: Annotated[
         str | None,

@@ -83,6 +83,16 @@ def reconstructors(*, json_only: Json = False) -> int:
     return print_list(RECONSTRUCTORS.descriptions(), json_only)
 
 
+def sources(*, json_only: Json = False) -> int:
+    """List the sources of frames, including those of installed packages.
+
+    Example: chromagrip list sources
+    """
+    from ..sources.source import SHIPPED, SOURCES
+
+    return print_list(SHIPPED | SOURCES.descriptions(), json_only)
+
+
 def integrators(*, json_only: Json = False) -> int:
     """List the integrators of the node model, including those of installed packages.
 
@@ -127,6 +137,7 @@ LISTS: dict[str, Callable[..., int]] = {
     "renderers": renderers,
     "integrators": integrators,
     "grippers": grippers,
+    "sources": sources,
     "recipes": recipes,
     "readouts": readouts,
 }

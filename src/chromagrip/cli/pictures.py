@@ -44,6 +44,7 @@ if TYPE_CHECKING:  # OpenCV loads only when something is detected
     from ..pictures.estimate import EstimateSummary
     from ..pictures.figure import Truth
     from ..pictures.find_sensor import Assumed, Within
+    from ..pictures.following import Course
     from ..pictures.marker_list import Picture
     from ..pictures.track import TrackSummary
     from ..scene.scene import Scene
@@ -209,7 +210,7 @@ def track(
 
 def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
     table = value_table()
-    table.add_row("frames", f"{summary['frames']}, {summary['ended']}")
+    _add_frames(table, summary)
     if summary["source_doubt"]:
         table.add_row("", summary["source_doubt"])
     table.add_row("rest frame", summary["rest"])
@@ -230,6 +231,15 @@ def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
         table.add_row("speed", f"{summary['ms_per_frame']:.1f} ms a frame, {summary['tracker']}")
     print_table(table)
     print(_seen_in(folder, "overlay.mp4"))
+
+
+def _add_frames(table: Table, summary: "Course") -> None:
+    """Rows of the frames that were read, and of those that did not come as they should."""
+    from ..sources.delivery import in_words
+
+    table.add_row("frames", f"{summary['frames']}, {summary['ended']}")
+    if words := in_words(summary["delivery"]):
+        table.add_row("", words)
 
 
 def _add_assumed(table: Table, found: "Assumed") -> None:
@@ -388,7 +398,7 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
 
     frames, silent = summary["frames"], summary["without_estimate"]
     table = value_table()
-    table.add_row("frames", f"{frames}, {summary['ended']}")
+    _add_frames(table, summary)
     table.add_row("frame rate", f"{summary['fps']:g} Hz, {summary['fps_from']}")
     if summary["source_doubt"]:
         table.add_row("", summary["source_doubt"])

@@ -20,6 +20,7 @@ from ..output.versions import versions
 from ..render import Frame
 from ..sensing.observers import ForceObserver
 from ..sensing.reader import DEFAULT_WINDOW
+from ..sources import FrameSource
 from ..stored_pictures import MEGAPIXELS
 from ..tracking import (
     CAMERA_RULE,
@@ -103,7 +104,7 @@ class EstimateSummary(Method, Setup, Course, Estimates):
 
 def estimate_source(
     rest: str,
-    source: str,
+    source: Choice | FrameSource,
     *,
     calibration: str,
     reconstructor: Choice,

@@ -16,6 +16,7 @@ from ..errors import UserError
 from ..folders import prepared, write_whole
 from ..output.processes import one_thread
 from ..render import Frame
+from ..sources.delivery import Counts
 from ..tracking import Palette, Tracks
 from .opening import Opened
 
@@ -51,6 +52,7 @@ class Course(TypedDict):
     layers: dict[str, LayerCount]
     lost: list[LostMarker]
     ambiguous: int
+    delivery: Counts
     ms_per_frame: float | None
 
 
@@ -157,6 +159,7 @@ def follow(
     count = opened.source.count
     total = count if limit is None else min(limit, count or limit)
     complete, ended = False, ""
+    opened.source.delivery.go_on()
     try:
         with ExitStack() as files, one_thread():
             add = open_files(files)
@@ -216,6 +219,7 @@ def _course(tally: _Tally, opened: Opened, complete: bool, ended: str) -> Course
         "layers": layers,
         "lost": [] if tally.last is None else _lost(tally.last, tally.known, palette),
         "ambiguous": tally.ambiguous,
+        "delivery": opened.source.delivery.counts,
         "ms_per_frame": tally.clock.milliseconds,
     }
 

@@ -14,6 +14,7 @@ from ..extras import lacking, table_suffix
 from ..output.parquet import TrackTable
 from ..output.versions import versions
 from ..render import Frame
+from ..sources import FrameSource
 from ..stored_pictures import MEGAPIXELS
 from ..tracking import AUTO_PALETTE, Tracks
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
@@ -49,7 +50,7 @@ class TrackSummary(Assumed, Setup, Course):
 
 def track_source(
     rest: str,
-    source: str,
+    source: Choice | FrameSource,
     *,
     palette: str = AUTO_PALETTE,
     within: Within = ANYWHERE,
@@ -74,7 +75,7 @@ def track_source(
     Parameters
     ----------
     rest: see `rest_frames`
-    source: folder of pictures, video file, picture or camera:0
+    source: source of the frames, see `open_source`
     palette: `auto`, or a name or file, see `load_palette`
     within: where the sensor is, by default found
     tracker: name, `module:Class`, or a class or other factory, see `load_tracker`

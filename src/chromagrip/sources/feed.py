@@ -3,10 +3,11 @@
 import threading
 from contextlib import suppress
 from queue import Empty, Full, Queue
+from typing import Any
 
 from ..errors import UserError
-from ..output.pictures import Source
 from ..render import Frame
+from .source import Source
 
 
 class Feed:
@@ -27,6 +28,11 @@ class Feed:
         self._waiting: Queue[Frame | BaseException | None] = Queue(maxsize=1)
         self._closed = threading.Event()
         threading.Thread(target=self._read, daemon=True).start()
+
+    @property
+    def counts(self) -> dict[str, Any]:
+        """Values of a summary: frames that the loop skipped, and the delivery of the source."""
+        return {"frames_skipped": self.skipped, "delivery": self.source.delivery.counts}
 
     def next(self) -> Frame | None:
         """Wait for the next frame; None at the end.
