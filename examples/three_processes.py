@@ -7,6 +7,8 @@ the reader is killed and started again.
     python examples/three_processes.py [SECONDS]
 """
 
+import itertools
+import math
 import os
 import socket
 import struct
@@ -15,14 +17,17 @@ import sys
 import tempfile
 import time
 from contextlib import suppress
+from dataclasses import replace as replaced
 from pathlib import Path
 
-import chromagrip
 import numpy as np
+from msgspec.structs import replace
+
+import chromagrip
+from chromagrip.output.png import encode_png
 from chromagrip.outside.message import observation_of
 from chromagrip.outside.subscribe import Subscriber
-from chromagrip.sources import pipe_bytes, write_picture
-from msgspec.structs import replace
+from chromagrip.sources import pipe_bytes
 
 SCENE = chromagrip.load_scene("chromatouch-2022")
 LOOPBACK = "127.0.0.1"
@@ -33,32 +38,35 @@ def camera(folder: Path, seconds: float, port: int) -> None:
     grips = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     grips.bind((LOOPBACK, port))
     grips.setblocking(False)
-    pipe, grip, log = -1, 0.0, []
+    pipe, grip, log, begin = -1, math.nan, [], time.monotonic()
     with chromagrip.open(replace(SCENE, path="truth", duration_s=seconds)) as rig:
         rig.reset()
         (folder / "rest").mkdir()
         for k, frame in enumerate(rig.sensors[0].rest_frames(8)):
-            write_picture(folder / "rest" / f"{k}.png", frame.image)
-        (folder / "ready").touch()
-        begin = time.monotonic() - rig.time
-        while not rig.done:
+            (folder / "rest" / f"{k}.png").write_bytes(encode_png(frame.image))
+        for due in itertools.count(time.monotonic(), rig.scene.period):
             with suppress(BlockingIOError):
                 while True:
                     (grip,) = struct.unpack("d", grips.recv(8))
-            rig.step(grip)
+            if not math.isnan(grip):  # until then nothing is gripped, and no time passes
+                rig.step(grip)
+                field, friction = rig.truth.field, rig.truth.friction
+                log.append((rig.time, field.safety_margin(friction), grip))
+            if rig.done:
+                break
+            time.sleep(max(0.0, due - time.monotonic()))
+            shown = replaced(rig.picture(), time=time.monotonic() - begin)
             try:
                 if pipe < 0:  # fails as long as nobody reads
                     pipe = os.open(folder / "frames", os.O_WRONLY | os.O_NONBLOCK)
                     os.set_blocking(pipe, True)
-                data = memoryview(pipe_bytes(rig.picture()))
+                data = memoryview(pipe_bytes(shown))
                 while data:
                     data = data[os.write(pipe, data) :]
             except OSError:  # the reader is gone
                 with suppress(OSError):
                     os.close(pipe)
                 pipe = -1
-            log.append((rig.time, rig.reading.margin, grip))
-            time.sleep(max(0.0, begin + rig.time - time.monotonic()))
     np.save(folder / "log.npy", np.array(log))
 
 
@@ -90,12 +98,12 @@ def main(seconds: float) -> None:
         role = [sys.executable, __file__]
         read = [
             sys.executable, "-m", "chromagrip", "estimate", str(folder / "rest"),
-            f"pipe:{folder / 'frames'}(live=True)", "--calibration", SCENE.sensor,
+            f"pipe:{folder / 'frames'}(live=true)", "--calibration", SCENE.sensor,
             "--reconstructor", "contact", "--publish", f"udp:{readings}",
         ]  # fmt: skip
         player = subprocess.Popen([*role, "camera", name, str(seconds), str(grips)])
-        while not (folder / "ready").exists():
-            time.sleep(0.05)
+        while not (folder / "rest" / "7.png").exists():
+            time.sleep(0.1)
         controller = subprocess.Popen([*role, "control", str(readings), str(grips)])
         reader = subprocess.Popen(read)
         time.sleep(0.5 * seconds)

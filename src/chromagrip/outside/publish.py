@@ -94,11 +94,6 @@ def check_targets(targets: Sequence[str]) -> None:
             raise UserError(f"target {target!r} names no file; allowed are {TARGETS}")
 
 
-def to_terminal(targets: Sequence[str]) -> bool:
-    """Whether messages go to the standard output, which nothing else may then write to."""
-    return "jsonl:-" in targets
-
-
 def address(target: str) -> tuple[str, int]:
     """Host and port of a target or a source of messages, such as udp:PORT or zmq:HOST:PORT.
 

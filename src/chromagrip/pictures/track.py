@@ -18,7 +18,7 @@ from ..sources import FrameSource
 from ..stored_pictures import MEGAPIXELS
 from ..tracking import AUTO_PALETTE, Tracks
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
-from .following import Add, Course, Outcome, Progress, follow, opened_folder
+from .following import Add, Came, Course, Outcome, Progress, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
 from .overlay import OVERLAY, TrackDrawing, dropped, open_overlay
 
@@ -145,13 +145,13 @@ def _original(tracks: Tracks, opened: Opened) -> Tracks:
 def _open_files(opened: Opened, out: Path | None, files: ExitStack) -> Add:
     """Open table and overlay; returns what adds a frame to them."""
     if out is None:
-        return lambda index, frame, tracks: None
+        return lambda index, frame, tracks, came: None
     draw = TrackDrawing(opened.palette, opened.start, opened.resting)
     path = out / f"tracks{table_suffix('.csv')}"
     table = files.enter_context(TrackTable(path, opened.palette.names))
     video = open_overlay(out, opened.source.fps, files)
 
-    def add(index: int, frame: Frame, tracks: Tracks) -> None:
+    def add(index: int, frame: Frame, tracks: Tracks, _: Came) -> None:
         table.add(index, _original(tracks, opened))
         if video is not None:
             video.append(draw(frame.image, tracks))

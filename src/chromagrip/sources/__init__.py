@@ -6,6 +6,7 @@ frame.image, frame.time
 """
 
 from .open import open_source
+from .pipe import pipe_bytes
 from .source import SOURCES, FrameSource, NoSourceError, Source
 
-__all__ = ["SOURCES", "FrameSource", "NoSourceError", "Source", "open_source"]
+__all__ = ["SOURCES", "FrameSource", "NoSourceError", "Source", "open_source", "pipe_bytes"]

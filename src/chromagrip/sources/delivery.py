@@ -3,11 +3,12 @@
 import math
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import TypedDict
 
 import cv2
+import numpy as np
 
 from ..render import Frame
 
@@ -100,3 +101,27 @@ class Delivery:
 def in_words(counts: Mapping[str, object]) -> str:
     """Counts that are not zero, such as `3 repeated, 12 dropped`; empty if all are."""
     return ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+
+
+class Lateness(TypedDict):
+    """Time of a reading in percentiles [ms], and number of frames that took longer than a period.
+
+    Both are None where nothing was read.
+    """
+
+    reading_ms: dict[str, float] | None
+    late_frames: int | None
+
+
+def lateness(seconds: Sequence[float], period: float) -> Lateness:
+    """Lateness of readings that took so long, of frames a period apart [s]."""
+    if not len(seconds):
+        return {"reading_ms": None, "late_frames": None}
+    milliseconds = 1e3 * np.asarray(seconds)
+    shares = {"median": 50.0, "p95": 95.0, "p99": 99.0, "worst": 100.0}
+    return {
+        "reading_ms": {
+            name: float(np.percentile(milliseconds, share)) for name, share in shares.items()
+        },
+        "late_frames": int((milliseconds > 1e3 * period).sum()),
+    }

@@ -1,6 +1,7 @@
 """Frames of a source as they come, and a refusal when they stop coming."""
 
 import threading
+import time
 from contextlib import suppress
 from queue import Empty, Full, Queue
 from typing import Any
@@ -25,7 +26,9 @@ class Feed:
     def __init__(self, source: Source, limit: float) -> None:
         self.source, self.limit = source, limit
         self.given = self.skipped = 0
-        self._waiting: Queue[Frame | BaseException | None] = Queue(maxsize=1)
+        #: Time at which the last frame came, by `time.monotonic` [s].
+        self.arrived = 0.0
+        self._waiting: Queue[tuple[Frame | BaseException | None, float]] = Queue(maxsize=1)
         self._closed = threading.Event()
         threading.Thread(target=self._read, daemon=True).start()
 
@@ -43,7 +46,7 @@ class Feed:
             When no frame comes in time, or the source fails.
         """
         try:
-            found = self._waiting.get(timeout=min(self.limit, threading.TIMEOUT_MAX))
+            found, self.arrived = self._waiting.get(timeout=min(self.limit, threading.TIMEOUT_MAX))
         except Empty:
             raise UserError(
                 f"{self.source.name} gave no frame within {self.limit:g} s after "
@@ -70,10 +73,11 @@ class Feed:
         self._put(end, last=True)
 
     def _put(self, found: Frame | BaseException | None, last: bool = False) -> None:
+        came = found, time.monotonic()
         check_s = 0.1  # interval at which a waiting feed checks whether it was closed [s]
         while not self._closed.is_set():
             try:
-                self._waiting.put(found, timeout=0.0 if self.source.live else check_s)
+                self._waiting.put(came, timeout=0.0 if self.source.live else check_s)
                 return
             except Full:
                 if self.source.live and not last:

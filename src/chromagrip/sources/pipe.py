@@ -8,6 +8,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from ..by_name import arguments_in
 from ..errors import UserError
 from ..render import Frame
 from ..stored_pictures import check_pixels
@@ -16,11 +17,19 @@ from .source import Source, rated
 
 
 def pipe_source(name: str, fps: float | None, max_megapixels: float) -> Source:
-    """Source of `pipe:FILE`; its times are its own, and `fps` is nominal [Hz]."""
+    """Source of `pipe:FILE`; its times are its own, and `fps` is nominal [Hz].
+
+    With `pipe:FILE(live=true)` the program writes in real time, and a slower loop skips frames.
+    """
     rate, rate_from = rated(fps)
+    place, bracket, rest = name.removeprefix("pipe:").partition("(")
+    given = arguments_in(rest[:-1], name) if bracket and rest.endswith(")") else {}
+    if bracket and given not in ({"live": True}, {"live": False}):
+        raise UserError(f"{name}: expected pipe:FILE or pipe:FILE(live=true)")
     return Source(
         name=name,
-        frames=lambda: _frames(name.removeprefix("pipe:"), max_megapixels),
+        frames=lambda: _frames(place, max_megapixels),
+        live=bool(given.get("live")),
         count=None,
         fps=rate,
         fps_from=rate_from,

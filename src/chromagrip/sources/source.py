@@ -61,7 +61,8 @@ SHIPPED = {
     "FOLDER": "pictures of a folder, in the order of their numbers",
     "'DIR/*.png'": "pictures that match a pattern, in quotation marks",
     "VIDEO": "video file (extra video)",
-    "pipe:FILE": "frames that another program writes; pipe:- is the standard input",
+    "pipe:FILE": "frames that another program writes; pipe:- is the standard input; with "
+    "pipe:FILE(live=true) a slower loop skips frames",
     "FILE.npy": "array uint8 (N, H, W, 3)",
     "FILE.npz": "such an array called images or frames, with times or time_s [s] if there are any",
     "BAG": "ROS 2 bag (extra ros): folder, .mcap or .db3; BAG(topic=/NAME) names one of its topics",

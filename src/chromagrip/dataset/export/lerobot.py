@@ -235,7 +235,7 @@ def _stats(values: NDArray[Any]) -> Stats:
     flat[~np.isfinite(flat)] = np.nan
     known = np.isfinite(flat).any(axis=0)
 
-    def of(function: Callable[[Array], Array]) -> Array:
+    def of(function: Callable[[Array], Any]) -> Array:
         found = np.full(shape, np.nan)
         found[known] = function(flat[:, known])
         return found
