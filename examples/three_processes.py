@@ -25,8 +25,7 @@ from msgspec.structs import replace
 
 import chromagrip
 from chromagrip.output.png import encode_png
-from chromagrip.outside.message import observation_of
-from chromagrip.outside.subscribe import Subscriber
+from chromagrip.publish import Subscriber, observation_of
 from chromagrip.sources import pipe_bytes
 
 SCENE = chromagrip.load_scene("chromatouch-2022")

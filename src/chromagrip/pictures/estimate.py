@@ -19,8 +19,7 @@ from ..extras import lacking, table_suffix
 from ..loop.trace import counted_kinds
 from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable, Row
 from ..output.versions import versions
-from ..outside.message import message_of
-from ..outside.publish import Publishers, check_targets
+from ..publish import Publishers, check_targets, message_of
 from ..render import Frame
 from ..sensing.observers import ForceObserver
 from ..sensing.reader import DEFAULT_WINDOW
@@ -147,7 +146,7 @@ def estimate_source(
     window: moving average of the friction estimate [s]
     rest, source, tracker, noise, fps, frames, out, overwrite: see `track_source`
     max_megapixels, tell, progress: see `track_source`
-    publish: targets to which each reading is sent at once, see `outside.publish`; frames of a live
+    publish: targets to which each reading is sent at once, see `publish.targets`; frames of a live
         source are then skipped where newer ones have come
     truth: true value of each frame by column, if known; the summary compares the estimates with it
 

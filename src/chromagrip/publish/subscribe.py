@@ -1,9 +1,4 @@
-"""The other end of published readings, for controllers and loggers.
-
-with chromagrip.outside.subscribe.Subscriber("udp:5005") as readings:
-while (message := readings.next(0.5)) is not None:
-command = controller.command(observation_of(message))
-"""
+"""The other end of published readings, for controllers and loggers."""
 
 import select
 import socket
@@ -15,7 +10,7 @@ from typing import Any, Self
 from ..errors import UserError
 from ..extras import need
 from .message import Message, decoded
-from .publish import address
+from .targets import address
 
 #: Longest datagram [bytes].
 _LONGEST = 65535

@@ -13,9 +13,9 @@ from chromagrip.control import GripObservation
 from chromagrip.errors import UserError
 from chromagrip.loop.force_row import force_row
 from chromagrip.model import ForceField
-from chromagrip.outside.message import SCHEMA, decoded, encoded, message_of, observation_of
-from chromagrip.outside.publish import Publishers
-from chromagrip.outside.subscribe import Subscriber
+from chromagrip.publish.message import SCHEMA, decoded, encoded, message_of, observation_of
+from chromagrip.publish.subscribe import Subscriber
+from chromagrip.publish.targets import Publishers
 from chromagrip.render import Frame
 from chromagrip.scene import load_scene
 from chromagrip.scene.controllers import CONTROLLERS
