@@ -155,7 +155,9 @@ def test_the_page_on_files_names_every_key_and_column() -> None:
         DOME_ARRAYS,
     )
     tables += (*columns_of("chain"), *columns_of("dome", reading=True))
-    names = {*scene_keys(chromagrip.Scene), *(name for table in tables for name in table)}
+    columns = (name for table in tables for name in table)
+    fingers = ("first_", "second_")  # whose columns are those of a dome
+    names = {*scene_keys(chromagrip.Scene), *(c for c in columns if not c.startswith(fingers))}
     assert {name for name in names if f"`{name}`" not in text} == set()
 
 

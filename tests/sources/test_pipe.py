@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from chromagrip import UserError
-from chromagrip.output.pictures import pipe_bytes
 from chromagrip.render import Frame
-from chromagrip.sources import open_source
+from chromagrip.sources import open_source, pipe_bytes
 
 
 def written(path: Path, *arrays: np.ndarray, cut: int | None = None) -> str:
