@@ -11,15 +11,15 @@ import numpy as np
 from chromagrip.extras import missing
 from chromagrip.loop.grasp import grasp
 from chromagrip.loop.methods import choose
-from chromagrip.output.pictures import Source
 from chromagrip.output.report import Row, at_least, at_most, reported
-from chromagrip.outside.feed import Feed
 from chromagrip.outside.grasp import grasp_outside
 from chromagrip.outside.gripper import HeldGripper, SimulatedGripper
 from chromagrip.render import Frame
 from chromagrip.scene.scene import Scene, load_scene
 from chromagrip.sensing.reader import known_sensor
 from chromagrip.sensing.sensor import open_camera
+from chromagrip.sources import Source
+from chromagrip.sources.feed import Feed
 
 #: Scene of all figures of one finger.
 SCENE = "camera-100hz"

@@ -34,7 +34,7 @@ from benchmarks.model.side_by_side_figure import draw_side_by_side
 from chromagrip.calibrate.first_use import EPOCHS, HISTORIES, NOISE
 from chromagrip.calibrate.readout import VARIATIONS
 from chromagrip.calibrate.training_ranges import range_lines, training_ranges
-from chromagrip.loop.column import Column, Mechanics
+from chromagrip.loop.column import Mechanics
 from chromagrip.loop.columns import columns_of
 from chromagrip.measure.engine import measure
 from chromagrip.measure.reproduce.parts import PARTS as THESIS
@@ -105,12 +105,13 @@ def fill(page: str, name: str, lines: Iterable[str]) -> None:
 
 
 def columns_table(body: Mechanics) -> list[str]:
-    """Columns of a trace; those of both fingers in one line, and of a dome what a chain lacks."""
-    shown: dict[Column, list[str]] = {}
-    for name, column in columns_of(body).items():
-        if body != "dome" or "chain" not in column.bodies:
-            shown.setdefault(column, []).append(f"`{name}`")
-    lines = [(", ".join(names), each.meaning, each.unit) for each, names in shown.items()]
+    """Columns of a trace: of a dome what a chain lacks, of a pinch what its fingers lack."""
+    lines = [
+        (f"`{name}`", column.meaning, column.unit)
+        for name, column in columns_of(body).items()
+        if not (body == "dome" and "chain" in column.bodies)
+        and not name.startswith(("first_", "second_"))
+    ]
     return list(markdown(Table(("column", "content", "unit"), tuple(lines))))
 
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-LEARNT = ("learn_to_grip", "compare_policy")  # which work together
-EXAMPLES = sorted(p for p in (ROOT / "examples").glob("*.py") if p.stem not in LEARNT)
+#: Examples with a test of their own: two that work together, and one that needs ROS 2.
+APART = ("learn_to_grip", "compare_policy", "ros2_node")
+EXAMPLES = sorted(p for p in (ROOT / "examples").glob("*.py") if p.stem not in APART)
 
 
 #: Examples that take longer than all others together.

@@ -37,20 +37,22 @@ MAY_IMPORT = {
     "render": "model",
     "tracking": "model render",
     "control": "model",
-    "output": "model render tracking",
+    "sources": "render",
+    "output": "model render tracking sources",
+    "publish": "model render control output sources",
     "scene": "model render tracking control output",
-    "sensing": "model render tracking control output scene",
-    "loop": "model render tracking control output scene sensing",
-    "pictures": "model render tracking control output scene sensing loop",
-    "calibrate": "model render tracking control output scene sensing loop pictures",
-    "dataset": "model render tracking control output scene sensing loop",
-    "gym": "model render tracking control output scene sensing loop",
-    "outside": "model render tracking control output scene sensing loop",
-    "live": "model render tracking control output scene sensing loop pictures outside",
-    "measure": "model render tracking control output scene sensing loop pictures calibrate dataset "
-    "outside",
-    "cli": "model render tracking control output scene sensing loop pictures calibrate dataset "
-    "measure outside live",
+    "sensing": "model render tracking control output sources scene",
+    "loop": "model render tracking control output sources scene sensing",
+    "pictures": "model render tracking control output sources publish scene sensing loop",
+    "calibrate": "model render tracking control output sources scene sensing loop pictures",
+    "dataset": "model render tracking control output sources scene sensing loop",
+    "gym": "model render tracking control output sources scene sensing loop",
+    "outside": "model render tracking control output sources scene sensing loop",
+    "live": "model render tracking control output sources scene sensing loop pictures outside",
+    "measure": "model render tracking control output sources scene sensing loop pictures calibrate "
+    "dataset outside",
+    "cli": "model render tracking control output sources scene sensing loop pictures calibrate "
+    "dataset measure outside live",
 }
 #: Modules beside the rooms: the entry points.
 DOORS = {

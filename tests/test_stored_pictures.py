@@ -14,7 +14,8 @@ from PIL import Image
 
 from chromagrip.calibrate.lens.corners import read_image
 from chromagrip.errors import UserError
-from chromagrip.output.pictures import open_source, read_picture
+from chromagrip.sources import open_source
+from chromagrip.sources.picture_files import read_picture
 
 WIDE = 30_000
 KINDS = ("png", "jpg", "bmp", "tif", "webp")

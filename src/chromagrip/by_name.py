@@ -1,11 +1,12 @@
 """Methods by name: ours, installed plug-ins, any other `module:Class`, and objects from Python.
 
-Each kind of method (tracker, reconstructor, controller, renderer, integrator, gripper) has one
-`Registry`.
+Each kind of method (tracker, reconstructor, controller, renderer, integrator, gripper, source) has
+one `Registry`.
 """
 
 import inspect
 import os
+import re
 import sys
 import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -38,16 +39,18 @@ class Registry:
     protocol: methods that a class must have; its name in lower case is the kind's
     package: package of the relative modules in `entries`
     entries: `.module:Class` and one line of description, by name
+    named: name of the kind, if it is not that of the protocol
     """
 
     protocol: type
     package: str
     entries: Mapping[str, tuple[str, str]]
+    named: str = ""
 
     @property
     def kind(self) -> str:
         """Name of the kind, such as `tracker`."""
-        return self.protocol.__name__.lower()
+        return self.named or self.protocol.__name__.lower()
 
     @property
     def group(self) -> str:
@@ -177,20 +180,38 @@ def _in_module(name: str, what: str) -> str:
 
 
 def with_arguments(name: str) -> tuple[str, dict[str, Any]]:
-    """Split `module:Class(gain=2)` into the class and its arguments, whose values are TOML.
+    """Split `module:Class(gain=2)` into the class and its arguments, see `arguments_in`.
 
     Raises
     ------
     UserError
-        For arguments that are no TOML, or of a name without a module.
+        For arguments that cannot be read, or of a name without a module.
     """
     method, bracket, rest = name.partition("(")
     if not bracket:
         return name, {}
     if ":" not in method or not rest.endswith(")"):
         raise UserError(f"{name}: expected module:Class(name=value), such as mine:Tracker(gain=2)")
-    values: dict[str, Any] = parse_toml(f"values = {{{rest[:-1]}}}", name)["values"]
-    return method, values
+    return method, arguments_in(rest[:-1], name)
+
+
+def arguments_in(text: str, name: str) -> dict[str, Any]:
+    """Arguments of a text `gain=2, port=/dev/ttyUSB0`: TOML, or words without quotes.
+
+    Parameters
+    ----------
+    text: text between the brackets
+    name: whole text for messages
+
+    Raises
+    ------
+    UserError
+        For any other text.
+    """
+    # After a key at the begin or after a comma, and no word of TOML.
+    word = r"((?:^|,)\s*[\w-]+\s*=\s*)(?!(?:true|false|inf|nan)\b)([^\W\d][^\s,]*|[/~][^\s,]*)"
+    quoted = re.sub(word + r"(?=\s*(?:,|$))", r'\1"\2"', text)
+    return dict(parse_toml(f"values = {{{quoted}}}", name)["values"])
 
 
 def name_of(choice: Choice | object) -> str:
@@ -339,7 +360,7 @@ def make(kind: str, name: str, factory: Callable[[], Any]) -> Any:
 
 @contextmanager
 def blaming(failure: str, *errors: type[BaseException]) -> Iterator[None]:
-    """Turn errors that a plug-in raises inside into a `UserError` with kind and text.
+    """Turn errors that a plug-in raises inside into a `UserError` with text and kind, if another.
 
     Parameters
     ----------
@@ -355,9 +376,8 @@ def blaming(failure: str, *errors: type[BaseException]) -> Iterator[None]:
     try:
         yield
     except errors as reason:
-        raise UserError(
-            f"{failure}: {type(reason).__name__}: {reason}{_origin(reason)}"
-        ) from reason
+        kind = "" if isinstance(reason, UserError) else f"{type(reason).__name__}: "
+        raise UserError(f"{failure}: {kind}{reason}{_origin(reason)}") from reason
 
 
 def _origin(reason: BaseException) -> str:

@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,6 +136,20 @@ def array_headers(
         return {name: _header(file, f"{name}.npy") for name in names}
 
 
+def read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Read the header of an array: its shape, whether its columns come first, and its type.
+
+    Raises
+    ------
+    ValueError
+        When it is not the header of an array.
+    """
+    read = np.lib.format.read_array_header_2_0
+    if np.lib.format.read_magic(stream) == (1, 0):
+        read = np.lib.format.read_array_header_1_0
+    return read(stream)
+
+
 def _header(file: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Shape and type of an array, which is not larger than what is stored."""
     try:
@@ -143,11 +157,7 @@ def _header(file: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype
     except KeyError:
         raise UserError(f"{file.filename} has no array {name.removesuffix('.npy')}") from None
     with file.open(name) as stream:
-        version = np.lib.format.read_magic(stream)
-        read = np.lib.format.read_array_header_1_0
-        shape, _, kind = (read if version == (1, 0) else np.lib.format.read_array_header_2_0)(
-            stream
-        )
+        shape, _, kind = read_header(stream)
         claimed = math.prod(shape) * kind.itemsize
     if min(shape, default=0) < 0 or claimed > stored:
         raise ValueError(f"{name} claims {claimed} bytes, it has {stored}")

@@ -22,7 +22,7 @@ from chromagrip.loop.results.trace_file import write_trace
 from chromagrip.loop.run_files import FILES
 from chromagrip.measure.score.points import read_points
 from chromagrip.output.parquet import FORCES
-from chromagrip.output.pictures import open_source
+from chromagrip.sources import open_source
 
 Typed = Callable[..., CompletedProcess[str]]
 #: A grasp that needs no tables, with one change to follow.

@@ -24,7 +24,7 @@ from chromagrip.dataset.frozen import content_of
 from chromagrip.dataset.make import make, merge
 from chromagrip.dataset.pictures import CLEAN, NOISE, pictures_in, shown
 from chromagrip.dataset.recipe import Recipe, load_recipe
-from chromagrip.output.pictures import read_picture
+from chromagrip.sources.picture_files import read_picture
 
 Digests = Callable[[Path], dict[str, str]]
 Typed = Callable[..., subprocess.CompletedProcess[str]]

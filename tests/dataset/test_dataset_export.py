@@ -4,7 +4,9 @@ import json
 import pickle
 import shutil
 import tarfile
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
@@ -15,7 +17,7 @@ import pytest
 from chromagrip import UserError
 from chromagrip.dataset import Loaded, load_sequences
 from chromagrip.dataset.export.layouts import LAYOUTS, export
-from chromagrip.dataset.export.lerobot import CAMERA, FORCES, STATE
+from chromagrip.dataset.export.lerobot import CAMERA, FORCES, MARKERS, STATE, write_lerobot
 from chromagrip.dataset.split import split
 
 
@@ -112,9 +114,6 @@ def test_lerobot_has_its_tables_video_and_meta(
     episodes = pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     tasks = pq.read_table(out / "meta/tasks.parquet")
     assert json.loads(tasks.schema.metadata[b"pandas"])["index_columns"] == ["task"]
-    stats = json.loads((out / "meta" / "stats.json").read_text("utf-8"))
-    assert np.shape(stats[CAMERA]["mean"]) == (3, 1, 1)
-    assert len(stats["label.forces"]["mean"]) == len(FORCES)
     path = out / info["video_path"].format(video_key=CAMERA, chunk_index=0, file_index=0)
     with av.open(str(path)) as video:
         stream = video.streams.video[0]
@@ -130,6 +129,109 @@ def test_lerobot_has_its_tables_video_and_meta(
             assert np.sqrt((error**2).mean()) < 4.0
 
 
+#: Layout that LeRobot 0.6.1 writes for the same features: keys of `meta/info.json`, its own
+#: features, columns of the episodes, and kinds of statistics.
+PUBLISHED_INFO = {
+    "codebase_version", "fps", "features", "total_episodes", "total_frames", "total_tasks",
+    "chunks_size", "data_files_size_in_mb", "video_files_size_in_mb", "data_path", "video_path",
+    "robot_type", "splits",
+}  # fmt: skip
+PUBLISHED_FEATURES = {
+    "timestamp": {"dtype": "float32", "shape": [1], "names": None},
+    "frame_index": {"dtype": "int64", "shape": [1], "names": None},
+    "episode_index": {"dtype": "int64", "shape": [1], "names": None},
+    "index": {"dtype": "int64", "shape": [1], "names": None},
+    "task_index": {"dtype": "int64", "shape": [1], "names": None},
+}
+PUBLISHED_EPISODES = {
+    "episode_index": "int64", "tasks": "list<element: string>", "length": "int64",
+    "data/chunk_index": "int64", "data/file_index": "int64",
+    "dataset_from_index": "int64", "dataset_to_index": "int64",
+    "meta/episodes/chunk_index": "int64", "meta/episodes/file_index": "int64",
+    f"videos/{CAMERA}/chunk_index": "int64", f"videos/{CAMERA}/file_index": "int64",
+    f"videos/{CAMERA}/from_timestamp": "double", f"videos/{CAMERA}/to_timestamp": "double",
+}  # fmt: skip
+PUBLISHED_STATS = {"min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99"}
+
+
+def arrow_type(feature: dict[str, Any]) -> str:
+    """Type of a feature's column: one number of shape [1], else lists of lists."""
+    named = {"float32": "float", "int64": "int64"}[feature["dtype"]]
+    for size in reversed(feature["shape"] if feature["shape"] != [1] else []):
+        named = f"fixed_size_list<element: {named}>[{size}]"
+    return named
+
+
+def test_lerobot_is_of_its_published_layout(
+    tiny: Path, loaded: list[Loaded], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    export(tiny, "lerobot", out)
+    info, stats = (
+        json.loads((out / f"meta/{n}.json").read_text("utf-8")) for n in ("info", "stats")
+    )
+    features = info["features"]
+    assert set(info) == PUBLISHED_INFO
+    assert {name: features[name] for name in PUBLISHED_FEATURES} == PUBLISHED_FEATURES
+    assert (features[MARKERS]["dtype"], features[MARKERS]["shape"]) == ("float32", [2, 400, 2])
+    assert features[CAMERA]["info"]["is_depth_map"] is False
+    data = pq.ParquetFile(out / "data/chunk-000/file-000.parquet")
+    assert data.num_row_groups == 3  # one for each episode
+    assert {field.name: str(field.type) for field in data.schema_arrow} == {
+        name: arrow_type(each) for name, each in features.items() if name != CAMERA
+    }
+    episodes = pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet")
+    kinds = {field.name: str(field.type) for field in episodes.schema}
+    assert {k: v for k, v in kinds.items() if not k.startswith("stats/")} == PUBLISHED_EPISODES
+    assert set(kinds) - set(PUBLISHED_EPISODES) == {
+        f"stats/{name}/{kind}" for name in features for kind in PUBLISHED_STATS
+    }
+    for name, each in features.items():  # one for each number of the last axis
+        shape = (3, 1, 1) if name == CAMERA else tuple(each["shape"][-1:])
+        assert {kind: np.shape(v) for kind, v in stats[name].items()} == dict.fromkeys(
+            PUBLISHED_STATS, shape
+        ) | {"count": (1,)}
+    places = np.concatenate([one.places for one in loaded]).astype(np.float32)
+    np.testing.assert_array_equal(data.read()[MARKERS].to_pylist(), places)
+    flat = places.reshape(-1, 2).astype(float)
+    for kind in ("min", "max", "mean", "std"):
+        np.testing.assert_allclose(stats[MARKERS][kind], getattr(flat, kind)(axis=0), rtol=1e-9)
+    one = places[7:14].reshape(-1, 2).astype(float)
+    quantile = episodes[f"stats/{MARKERS}/q10"].to_pylist()[1]
+    np.testing.assert_allclose(quantile, np.quantile(one, 0.1, axis=0), rtol=1e-9)
+
+
+def test_statistics_for_lerobot_pass_over_what_is_not_known(
+    tiny: Path, loaded: list[Loaded], tmp_path: Path
+) -> None:
+    """A marker is missing, and one sequence has no contact: its margin is NaN."""
+    first, second, _ = loaded
+    markers = {**second.markers, "x_px": second.markers["x_px"].copy()}
+    markers["x_px"][:, 5] = np.nan
+    free = {**first.frames, "margin": np.full(7, np.nan)}
+    changed = [replace(first, frames=free), replace(second, markers=markers)]
+    write_lerobot(iter(changed), tmp_path, {"train": 2})
+    stats = json.loads((tmp_path / "meta/stats.json").read_text("utf-8"))
+    x = np.stack([first.markers["x_px"], second.markers["x_px"]]).astype(float)
+    x[1, :, 5] = np.nan
+    assert stats[MARKERS]["max"][0] == np.nanmax(x)
+    known = second.frames["margin"].astype(np.float32).astype(float)
+    at = FORCES.index("margin")
+    for kind in ("min", "max", "mean", "std"):
+        wanted = getattr(np, f"nan{kind}")(known)
+        assert stats["label.forces"][kind][at] == pytest.approx(wanted, rel=1e-9)
+    rows = pq.read_table(tmp_path / "data/chunk-000/file-000.parquet")[MARKERS].to_pylist()
+    assert np.isnan(np.array(rows)[:, 0, 5, 0]).tolist() == [False] * 7 + [True] * 7
+
+
+def test_lerobot_wants_one_number_of_markers(loaded: list[Loaded], tmp_path: Path) -> None:
+    fewer = {name: loaded[1].markers[name][:, :790] for name in ("x_px", "y_px")}
+    changed = [loaded[0], replace(loaded[1], markers=fewer)]
+    said = "sequence 1 has 395 markers of each colour, others 400; LeRobot wants one number for all"
+    with pytest.raises(UserError, match=said):
+        write_lerobot(iter(changed), tmp_path, {"train": 2})
+
+
 @pytest.mark.filterwarnings("default")  # other people's
 def test_lerobot_is_as_its_reader_takes_it(
     tiny: Path, loaded: list[Loaded], tmp_path: Path
@@ -142,6 +244,10 @@ def test_lerobot_is_as_its_reader_takes_it(
     for number in (0, 9, 20):
         item, one, t = read[number], loaded[number // 7], number % 7
         assert (int(item["episode_index"]), item["task"]) == (number // 7, one.values["motion"])
+        np.testing.assert_array_equal(item[MARKERS].numpy(), one.places[t].astype(np.float32))
+        x, y, z, *torque = item["observation.wrench"].tolist()
+        assert (x, -z) == pytest.approx([one.frames[k][t] for k in ("friction_n", "normal_n")])
+        assert (y, *torque) == (0.0, 0.0, 0.0, 0.0)
         forces = [one.frames[name][t] for name in FORCES]
         np.testing.assert_allclose(item["label.forces"].numpy(), forces, rtol=1e-6)
         picture = 255.0 * item[CAMERA].permute(1, 2, 0).numpy()

@@ -298,3 +298,9 @@ def test_other_layouts_take_a_dome_too(pictured: Path, tmp_path: Path) -> None:
         nodes = np.load(io.BytesIO(file.read()))
     one = next(iter(load_sequences(pictured)))
     assert np.array_equal(nodes["node_friction_y_n"], one.markers["node_friction_y_n"][2])
+    table = pq.read_table(tmp_path / "lerobot" / "data" / "chunk-000" / "file-000.parquet")
+    wrench = np.array(table["observation.wrench"].to_pylist())[: len(one.pictures)].T
+    for k, axis in enumerate("xyz"):
+        np.testing.assert_allclose(wrench[k], one.frames[f"force_{axis}_n"], rtol=1e-6)
+        torque = 1e-3 * one.frames[f"torque_{axis}_nmm"]
+        np.testing.assert_allclose(wrench[3 + k], torque, rtol=1e-6)

@@ -69,7 +69,7 @@ def test_a_folder_is_estimated_as_by_the_command(taken: Path, tmp_path: Path, un
 
 @pytest.mark.slow
 def test_a_video_is_shown_again(taken: Path, tmp_path: Path, until: Until) -> None:
-    from chromagrip.output.pictures import open_source
+    from chromagrip.sources import open_source
 
     video = VideoFile(tmp_path / "taken.mkv", 50, codec="ffv1")
     for frame in open_source(str(taken)).frames():
@@ -111,9 +111,11 @@ def test_pictures_that_break_off_are_a_sentence(taken: Path, tmp_path: Path, unt
 
 
 def test_the_page_shows_estimates_and_no_truth(
-    taken: Path, viser_server: Any, until: Until
+    taken: Path, viser_server: Any, until: Until, tmp_path: Path
 ) -> None:
-    asked = looking(taken)
+    folder = shutil.copytree(taken, tmp_path / "frames")
+    shutil.copy(max(folder.glob("*.png")), folder / "z-again.png")
+    asked = looking(folder)
     page = WatchPage(viser_server, asked)
     with Watcher(asked, asked.open(), page.show, page.tell) as watcher:
         page.connect(watcher)
@@ -123,6 +125,7 @@ def test_the_page_shows_estimates_and_no_truth(
     assert re.search(r"estimated: Γ 0\.\d\d \(0\.\d\d to 0\.\d\d\), ΣFn 0\.\d\d N", said)
     assert re.search(r"µ 0\.\d\d \(", said)
     assert "true" not in said
+    assert "frames of the source: 1 repeated" in said
     assert len(page._view._arrows.points) > 20
     assert page._view._object is None
 

@@ -18,7 +18,8 @@ from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop import grasp, open_camera
 from chromagrip.loop.rig import Rig
 from chromagrip.loop.run_files import RunFiles
-from chromagrip.output.pictures import open_source, read_picture
+from chromagrip.sources import open_source
+from chromagrip.sources.picture_files import read_picture
 
 from .test_pinch import COARSE
 

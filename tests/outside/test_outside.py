@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from subprocess import CompletedProcess
 
@@ -14,12 +14,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from chromagrip import Scene, UserError, load_scene, run
+from chromagrip import UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
-from chromagrip.output.pictures import Source, open_source
-from chromagrip.outside.feed import Feed
 from chromagrip.outside.grasp import run_outside
-from chromagrip.render import Frame
+from chromagrip.sources.picture_files import read_picture
 
 Typed = Callable[..., CompletedProcess[str]]
 CHANGES = {"duration_s": 0.12, "camera.rest_frames": 2, "camera.latency_frames": 0}
@@ -30,7 +28,7 @@ CAMERA = """
 import sys
 import chromagrip
 from chromagrip.loop import open_camera
-from chromagrip.output.pictures import pipe_bytes
+from chromagrip.sources.pipe import pipe_bytes
 
 scene = chromagrip.load_scene("camera-100hz", {"path": "truth", **eval(sys.argv[3])})
 with chromagrip.open(scene) as rig, open(sys.argv[1], "wb") as pictures:
@@ -148,6 +146,60 @@ def test_a_folder_is_a_source(taken: Path) -> None:
     np.testing.assert_array_equal(again.trace["grip_n"], result.trace["grip_n"])
 
 
+class Played:
+    """A source of one's own that plays a folder at 100 Hz; it fails as it is asked to."""
+
+    live = False
+
+    def __init__(self, folder: str, fails: str = "", missing: tuple[int, ...] = ()) -> None:
+        files = sorted(Path(folder).glob("*.png"))
+        self._left = [(k, file) for k, file in enumerate(files) if k not in missing]
+        self._fails, self.closed = fails, False
+
+    def read(self) -> tuple[np.ndarray, float] | None:
+        if not self._left:
+            return None
+        index, file = self._left.pop(0)
+        image = read_picture(file)
+        if index == 8 and self._fails == "vanishes":
+            raise OSError("unplugged")
+        return (image[:400] if index == 8 and self._fails == "size" else image), 0.01 * index
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_frames_come_from_a_source_of_ones_own(taken: Path, tmp_path: Path) -> None:
+    source = Played(str(taken), missing=(9, 10))
+    result = run_outside(SCENE, source, tmp_path)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["source"] == f"{__name__}:Played"
+    assert summary["delivery"] == {"repeated": 1, "dropped": 2, "stalled": 0, "late": None}
+    assert summary["frames"] == 11
+    assert source.closed
+    whole = run_outside(SCENE, str(taken), fps=100.0)
+    assert whole.summary["delivery"]["dropped"] is None
+    for name in ("grip_n", "normal_estimated_n"):
+        np.testing.assert_array_equal(result.trace[name][:7], whole.trace[name][:7])
+
+
+@pytest.mark.parametrize(
+    ("fails", "words"),
+    [
+        ("vanishes", r"^source .*:Played failed after 8 frames: OSError: unplugged .*"),
+        ("size", r"^frame has shape \(400, 640, 3\) .*, the rest frame had \(480, 640, 3\) .*"),
+    ],
+)
+def test_a_source_that_breaks_off_keeps_grip_and_trace(
+    fails: str, words: str, taken: Path, tmp_path: Path
+) -> None:
+    gripper = Kept()
+    with pytest.raises(UserError, match=rf"{words}; the grip stays at [\d.]+ N$"):
+        run_outside(SCENE, Played(str(taken), fails), tmp_path, gripper=gripper)
+    assert len(pq.read_table(tmp_path / "trace.parquet")) == 6  # without the two at rest
+    assert gripper.forces[-1] == gripper.forces[-2]
+
+
 def test_a_gripper_that_raises_ends_the_loop(taken: Path, tmp_path: Path) -> None:
     gripper = Kept(raises_at=4)
     words = (
@@ -205,71 +257,12 @@ def test_the_last_safe_grip_is_commanded_again(
     assert len(pq.read_table(tmp_path / "trace.parquet")) == 5
 
 
-def frames(scene: Scene, count: int) -> Iterator[Frame]:
-    view = scene.build_sensor().view
-    for k in range(count):
-        yield Frame(image=np.full((view.height, view.width, 3), k, np.uint8), time=0.01 * k)
-
-
-def test_a_camera_that_stalls_is_one_sentence() -> None:
-    stop = threading.Event()
-
-    def stalling() -> Iterator[Frame]:
-        yield from frames(SCENE, 3)
-        stop.wait(20.0)
-
-    feed = Feed(Source(name="camera:7", frames=stalling, count=None, fps=100.0), 0.2)
-    assert [feed.next() is not None for _ in range(3)] == [True] * 3
-    with pytest.raises(UserError, match=r"^camera:7 gave no frame within 0\.2 s after 3 frames$"):
-        feed.next()
-    feed.close()
-    stop.set()
-
-
-def test_a_live_camera_is_not_followed_late() -> None:
-    """The newest frame is what a slow loop gets next; every frame of another source comes."""
-    sent = threading.Event()
-
-    def all_at_once() -> Iterator[Frame]:
-        yield from frames(SCENE, 20)
-        sent.set()
-        time.sleep(0.5)
-
-    for live in (True, False):
-        sent.clear()
-        source = Source(name="x", frames=all_at_once, count=None, fps=100.0, live=live)
-        feed = Feed(source, 5.0)
-        if live:
-            assert sent.wait(5.0)
-        got = []
-        while (frame := feed.next()) is not None:
-            got.append(int(frame.image[0, 0, 0]))
-        assert got == ([19] if live else list(range(20)))
-        assert feed.skipped == (19 if live else 0)
-
-
 def written(path: Path, *arrays: np.ndarray, cut: int | None = None) -> str:
     with path.open("wb") as file:
         for array in arrays:
             np.save(file, array)
     path.write_bytes(path.read_bytes()[:cut])
     return f"pipe:{path}"
-
-
-def test_pipes_are_read_frame_by_frame(tmp_path: Path) -> None:
-    picture = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
-    whole = written(tmp_path / "whole", np.float64(0.5), picture, np.float64(0.75), picture[::-1])
-    first, second = open_source(whole).frames()
-    assert (first.time, second.time) == (0.5, 0.75)
-    np.testing.assert_array_equal(second.image, picture[::-1])
-    cut = written(tmp_path / "cut", np.float64(0.5), picture, np.float64(0.75), picture, cut=-9)
-    with pytest.raises(UserError, match="breaks off after 1 frames"):
-        list(open_source(cut).frames())
-    wrong = written(tmp_path / "wrong", np.float64(0.5), picture.astype(np.float32))
-    with pytest.raises(UserError, match=r"float32 \(4, 5, 3\); wanted: a time, then a picture"):
-        list(open_source(wrong).frames())
-    with pytest.raises(UserError, match="pipe:/nowhere cannot be read: No such file"):
-        list(open_source("pipe:/nowhere").frames())
 
 
 def test_sources_that_do_not_fit_are_refused(taken: Path, tmp_path: Path) -> None:

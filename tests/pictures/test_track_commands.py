@@ -19,13 +19,13 @@ from chromagrip.cli.app import main
 from chromagrip.errors import UserError
 from chromagrip.model import Fingertip
 from chromagrip.output.parquet import TRACKS
-from chromagrip.output.pictures import open_source
 from chromagrip.pictures.noise_level import noise_level
 from chromagrip.pictures.overlay import MAGNIFY, Magnification
 from chromagrip.pictures.track import track_source
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.render.outlines import areas, centroids, outlines
 from chromagrip.sensing import reader
+from chromagrip.sources import open_source
 from chromagrip.tracking import Palette, Tracks, load_tracker
 
 SENSOR = load_sensor("thesis")
@@ -375,6 +375,9 @@ class Camera:
     def read(self) -> tuple[bool, np.ndarray]:
         self.count += 1
         return True, dots(index=self.count)[..., ::-1]
+
+    def get(self, key: int) -> float:
+        return 0.0
 
     def release(self) -> None:
         pass

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UserError, located
-from ..output.pictures import is_picture, read_picture
 from ..output.processes import one_thread
 from ..pictures.noise_level import noise_level
 from ..render import Frame, SensorDesign
+from ..sources.picture_files import is_picture, read_picture
 from ..tracking import Palette, Tracks, load_tracker
 from ..tracking.forces import rest_pose
 

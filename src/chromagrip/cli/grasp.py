@@ -124,15 +124,16 @@ def grasp(
     source: Annotated[
         str | None,
         option(
-            "real frames instead of the simulation: camera:0, a folder, a video or pipe:FILE; the "
-            "first frames must show the unloaded sensor",
+            "real frames instead of the simulation: camera:0, a folder, a video, or another of "
+            "`chromagrip list sources`; the first ones must show the unloaded sensor",
             "SOURCE",
         ),
     ] = None,
     gripper: Annotated[
         str | None,
         option(
-            "gripper for --source: class with command(force); by default a simulated one",
+            "gripper for --source, see `chromagrip list grippers`, or a class with command(force); "
+            "by default a simulated one",
             "NAME|MODULE:CLASS",
         ),
     ] = None,
@@ -394,7 +395,11 @@ def live(
     run: Annotated[Path | None, option("finished run to show instead", "DIR")] = None,
     source: Annotated[
         str | None,
-        option("frames to show instead: camera:0, a folder, a video or pipe:FILE", "SOURCE"),
+        option(
+            "frames to show instead: camera:0, a folder, a video, or another of `chromagrip list "
+            "sources`",
+            "SOURCE",
+        ),
     ] = None,
     calibration: Annotated[
         str | None,

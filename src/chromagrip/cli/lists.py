@@ -83,6 +83,16 @@ def reconstructors(*, json_only: Json = False) -> int:
     return print_list(RECONSTRUCTORS.descriptions(), json_only)
 
 
+def sources(*, json_only: Json = False) -> int:
+    """List the sources of frames, including those of installed packages.
+
+    Example: chromagrip list sources
+    """
+    from ..sources.source import SHIPPED, SOURCES
+
+    return print_list(SHIPPED | SOURCES.descriptions(), json_only)
+
+
 def integrators(*, json_only: Json = False) -> int:
     """List the integrators of the node model, including those of installed packages.
 
@@ -91,6 +101,16 @@ def integrators(*, json_only: Json = False) -> int:
     from ..model import INTEGRATORS
 
     return print_list(INTEGRATORS.descriptions(), json_only)
+
+
+def grippers(*, json_only: Json = False) -> int:
+    """List the grippers of `grasp --source`, including those of installed packages.
+
+    Example: chromagrip list grippers
+    """
+    from ..outside.gripper import GRIPPERS
+
+    return print_list(GRIPPERS.descriptions(), json_only)
 
 
 def recipes(*, json_only: Json = False) -> int:
@@ -116,6 +136,8 @@ LISTS: dict[str, Callable[..., int]] = {
     "reconstructors": reconstructors,
     "renderers": renderers,
     "integrators": integrators,
+    "grippers": grippers,
+    "sources": sources,
     "recipes": recipes,
     "readouts": readouts,
 }

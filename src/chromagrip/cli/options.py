@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import signal
 import sys
 import threading
@@ -84,7 +85,11 @@ Rest = Annotated[
 SourceName = Annotated[
     str,
     tyro.conf.Positional,
-    option("pictures to read: folder, video file, picture or camera:0", "SOURCE"),
+    option(
+        "frames to read: folder, video file, picture, camera:0, or another of `chromagrip list "
+        "sources`",
+        "SOURCE",
+    ),
 ]
 TrackerName = Annotated[
     str, option("tracker of the markers, see `chromagrip list trackers`", "NAME|MODULE:CLASS")
@@ -252,9 +257,11 @@ def stem_of(source: str) -> str:
 
     Parameters
     ----------
-    source: path of a file or a folder, or a name such as camera:0
+    source: path of a file or a folder, a pattern, or a name such as camera:0(fps=60)
     """
     path = Path(source)
+    if not path.exists():
+        path = Path(re.sub(r"\W*[*?[].*", "", source.partition("(")[0]) or "frames")
     if not path.name.strip("."):  # . and .. are folders that have a name of their own
         path = Path(os.path.realpath(path))
     return (path.name if path.is_dir() else path.stem).replace(":", "-")

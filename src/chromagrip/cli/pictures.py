@@ -44,6 +44,7 @@ if TYPE_CHECKING:  # OpenCV loads only when something is detected
     from ..pictures.estimate import EstimateSummary
     from ..pictures.figure import Truth
     from ..pictures.find_sensor import Assumed, Within
+    from ..pictures.following import Course
     from ..pictures.marker_list import Picture
     from ..pictures.track import TrackSummary
     from ..scene.scene import Scene
@@ -209,7 +210,7 @@ def track(
 
 def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
     table = value_table()
-    table.add_row("frames", f"{summary['frames']}, {summary['ended']}")
+    _add_frames(table, summary)
     if summary["source_doubt"]:
         table.add_row("", summary["source_doubt"])
     table.add_row("rest frame", summary["rest"])
@@ -230,6 +231,15 @@ def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
         table.add_row("speed", f"{summary['ms_per_frame']:.1f} ms a frame, {summary['tracker']}")
     print_table(table)
     print(_seen_in(folder, "overlay.mp4"))
+
+
+def _add_frames(table: Table, summary: "Course") -> None:
+    """Rows of the frames that were read, and of those that did not come as they should."""
+    from ..sources.delivery import in_words
+
+    table.add_row("frames", f"{summary['frames']}, {summary['ended']}")
+    if words := in_words(summary["delivery"]):
+        table.add_row("", words)
 
 
 def _add_assumed(table: Table, found: "Assumed") -> None:
@@ -282,6 +292,14 @@ def estimate(
     out: Out = None,
     overwrite: Overwrite = False,
     max_megapixels: MaxMegapixels = MEGAPIXELS,
+    publish: Annotated[
+        tuple[str, ...],
+        tyro.conf.UseAppendAction,
+        option(
+            "send each reading at once; may be repeated; a folder is then written only with --out",
+            "jsonl:-|FILE|udp:PORT|zmq:PORT|mcap:FILE",
+        ),
+    ] = (),
     json_only: JsonOnly = False,
 ) -> int:
     """Estimate forces, friction and safety margin in pictures, a video or a camera's frames.
@@ -295,7 +313,7 @@ def estimate(
     """
     check_least(window=(window, 1e-6), noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
     check_least(max_megapixels=(max_megapixels, 0.0))
-    if out is None and not json_only:
+    if out is None and not json_only and not publish:
         out = new_folder(f"estimate-{stem_of(source)}")
 
     from ..pictures.estimate import estimate_source, files_lacking
@@ -332,12 +350,13 @@ def estimate(
             overwrite=overwrite,
             max_megapixels=max_megapixels,
             truth=None if origin is None else origin.truth,
+            publish=publish,
             tell=tell,
             progress=progress,
         )
     if json_only:
         print(json.dumps(outcome.summary))
-    else:
+    elif "jsonl:-" not in publish:  # whose lines are the output
         _print_estimates(outcome.summary, out)
     if out is not None:
         tell_lacking(files_lacking())
@@ -388,7 +407,7 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
 
     frames, silent = summary["frames"], summary["without_estimate"]
     table = value_table()
-    table.add_row("frames", f"{frames}, {summary['ended']}")
+    _add_frames(table, summary)
     table.add_row("frame rate", f"{summary['fps']:g} Hz, {summary['fps_from']}")
     if summary["source_doubt"]:
         table.add_row("", summary["source_doubt"])
@@ -435,6 +454,14 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
             f"{summary['ms_per_frame']:.1f} ms a frame to track, "
             f"{summary['ms_per_estimate']:.1f} to estimate",
         )
+    if summary["published"]:
+        took, late = summary["late"]["reading_ms"], summary["late"]["late_frames"]
+        if took is not None:
+            table.add_row(
+                "late",
+                f"{took['median']:.1f} ms in the median, {took['p99']:.1f} ms in 99 %; {late} "
+                f"longer than a frame lasts, {summary['skipped']} skipped",
+            )
     print_table(table)
     print(_seen_in(folder, "figure.png", "overlay.mp4"))
 

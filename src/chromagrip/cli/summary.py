@@ -45,6 +45,7 @@ def print_summary(result: "Result", name: str) -> None:
 def _rows_of_one(scene: "Scene", summary: "Summary", number: Number) -> Iterator[tuple[str, str]]:
     from ..loop.trace import ceiling_words, word_for_read
     from ..render import load_sensor
+    from ..sources.delivery import in_words
     from ..tracking.forces import pose_words
 
     read = word_for_read(summary["path"])
@@ -63,6 +64,8 @@ def _rows_of_one(scene: "Scene", summary: "Summary", number: Number) -> Iterator
         )
     if summary.get("frames_skipped"):
         yield "frames left out", f"{summary['frames_skipped']}: the loop was too slow"
+    if delivered := in_words(summary.get("delivery", {})):
+        yield "frames of the source", delivered
     if summary["without_estimate"]:
         because = next(iter(summary["without_estimate_because"]))
         frames = f"{summary['without_estimate']} of {summary['frames']} frames"

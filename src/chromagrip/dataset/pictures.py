@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..folders import disk_errors
-from ..output.pictures import read_picture
 from ..output.png import encode_png
 from ..render import add_noise
 from ..sensing.camera import REST_NUMBER
+from ..sources.picture_files import read_picture
 from ..strange_files import read_small
 from .recipe import Store
 

@@ -20,8 +20,8 @@ from ..loop.results.run_folder import RunRead
 from ..loop.results.tactile_video import SLOWDOWN
 from ..loop.rig import Rig
 from ..loop.sample import Sample
-from ..output.pictures import open_source
 from ..output.processes import one_thread
+from ..sources import open_source
 from .picture import packed, picture_of, resized
 from .record import FROM
 from .view import Drawn, GraspView

@@ -13,10 +13,11 @@ from ..errors import UserError, located
 from ..loop.sample import Sample
 from ..model.dome import lattice
 from ..output.processes import one_thread
-from ..outside.feed import Feed
 from ..pictures.opening import Opened, open_tracking
 from ..sensing.observers import ForceObserver
 from ..sensing.reader import DEFAULT_WINDOW, Reading
+from ..sources.delivery import in_words
+from ..sources.feed import Feed
 from ..tracking import (
     DEFAULT_TRACKER,
     Palette,
@@ -50,12 +51,14 @@ class Looked:
     updates: frames per second [Hz]
     speed: speed of the source's time over real time
     skipped: number of a camera's frames skipped so far
+    delivery: frames that did not come as they should so far, in words
     """
 
     reading: Reading
     updates: float
     speed: float
     skipped: int
+    delivery: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,6 +161,7 @@ class Watcher(Background):
         source = replace(opened.source, frames=lambda: opened.frames)
         ends: deque[tuple[float, float]] = deque(maxlen=30)
         frame_within = 10.0  # time in which the next frame must come [s]
+        source.delivery.go_on()
         with closing(Feed(source, frame_within)) as feed:
             while not (self._stop.is_set() or self._restart.is_set()):
                 if self.paused and not self._steps:
@@ -176,9 +180,13 @@ class Watcher(Background):
                 updates, speed = _rates(ends, source.live)
                 self.show(
                     Looked(
-                        reading=reading, updates=updates, speed=speed, skipped=feed.skipped
+                        reading=reading,
+                        updates=updates,
+                        speed=speed,
+                        skipped=feed.skipped,
+                        delivery=in_words(source.delivery.counts),
                     )
-                )  # fmt: skip
+                )
 
 
 def _rates(ends: deque[tuple[float, float]], live: bool) -> tuple[float, float]:
@@ -271,6 +279,8 @@ class WatchPage:
             self._state.append(f"µ {observation.friction:.2f} ({low:.2f} to {high:.2f}){guess}")
         if looked.skipped:
             self._state.append(f"{looked.skipped} frames left out: this machine is slower")
+        if looked.delivery:
+            self._state.append(f"frames of the source: {looked.delivery}")
         picture = picture_of(frame.image, reading.tracks, reading.rest)
         self.board.show(picture, self._state, stands)
 

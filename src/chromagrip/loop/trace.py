@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..model import GROSS_SLIP
 from ..scene.scene import Mechanics, Scene
+from ..sources.delivery import lateness
 from ..tracking.forces import CameraPose
 from ..tracking.forces.chain import Used
 from .column import OUTCOMES
@@ -152,7 +153,7 @@ def summarise(
         "frames": len(trace),
         "duration_s": float(trace["time_s"][-1]) if len(trace) else 0.0,
         "frames_per_second": (len(trace) - 1) / spent.loop if spent.loop > 0 else math.nan,
-        **_lateness(scene, spent.reading),
+        **lateness(spent.reading, scene.period),
         "margin_rmse": _margin_error(trace, prefixes(scene)),
         "max_grip_n": _largest(trace["grip_n"]),
         "grip_ceiling_n": scene.grip_ceiling,
@@ -162,20 +163,6 @@ def summarise(
     # JSON has no NaN: an unknown value is null.
     return {
         k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
-    }
-
-
-def _lateness(scene: Scene, reading: Sequence[float]) -> Summary:
-    """Percentiles of the time of a reading [ms], and how many take longer than a frame lasts."""
-    if not len(reading):
-        return {"reading_ms": None, "late_frames": None}
-    milliseconds = 1e3 * np.asarray(reading)
-    shares = {"median": 50.0, "p95": 95.0, "p99": 99.0, "worst": 100.0}
-    return {
-        "reading_ms": {
-            name: float(np.percentile(milliseconds, share)) for name, share in shares.items()
-        },
-        "late_frames": int((milliseconds > 1e3 * scene.period).sum()),
     }
 
 

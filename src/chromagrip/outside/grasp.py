@@ -16,15 +16,15 @@ from ..loop.run import ANSWER_WITHIN_S, check_asked
 from ..loop.run_files import RunFiles
 from ..loop.sample import Sample
 from ..output.logs.write import LogFormat
-from ..output.pictures import open_source
 from ..output.processes import one_thread
 from ..render import Frame
 from ..scene.controllers import CONTROLLERS
 from ..scene.fingers import need_one_finger
 from ..scene.scene import Scene
 from ..sensing.reader import Reader, scene_reader
+from ..sources import FrameSource, open_source
+from ..sources.feed import Feed
 from ..tracking import SensorCalibration
-from .feed import Feed
 from .gripper import GRIPPERS, Gripper, HeldGripper
 
 #: Time in which the next frame must come [s].
@@ -33,7 +33,7 @@ FRAME_WITHIN_S = 5.0
 
 def run_outside(
     scene: Scene,
-    source: str,
+    source: Choice | FrameSource,
     out: Path | None = None,
     *,
     gripper: Choice | Gripper = "simulated",
@@ -52,7 +52,7 @@ def run_outside(
     Parameters
     ----------
     scene: scene with controller, sensor, calibration and length of the run
-    source: camera, folder, video or pipe, see `open_source`
+    source: source of the frames, see `open_source`
     out: run folder, made if missing (default: no files are written)
     gripper: name, `module:Class`, class, or an object with `command` (default `simulated`)
     gripper_arguments: arguments of a class, by name
@@ -86,8 +86,8 @@ def run_outside(
             result = record.finish(
                 complete=ended,
                 gross_slip=None,
-                frames_skipped=feed.skipped,
-                source=source,
+                **feed.counts,
+                source=opened.name,
                 gripper=name_of(gripper),
             )
     return result

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..output.pictures import Image
 from ..render import SensorDesign
+from ..stored_pictures import Image
 from ..tracking import Palette, Sighting, detect_markers, sight
 from ..tracking.forces import placement
 

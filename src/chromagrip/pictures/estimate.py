@@ -1,7 +1,9 @@
 """Forces, friction and margin in one's own pictures, in a folder."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+import time
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -17,9 +19,12 @@ from ..extras import lacking, table_suffix
 from ..loop.trace import counted_kinds
 from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable, Row
 from ..output.versions import versions
+from ..publish import Publishers, check_targets, message_of
 from ..render import Frame
 from ..sensing.observers import ForceObserver
 from ..sensing.reader import DEFAULT_WINDOW
+from ..sources import FrameSource
+from ..sources.delivery import Lateness, lateness
 from ..stored_pictures import MEGAPIXELS
 from ..tracking import (
     CAMERA_RULE,
@@ -36,7 +41,7 @@ from ..tracking import (
 from ..tracking.forces import PoseTable, body_read, rest_pose
 from ..tracking.forces.chain import UsedReadOut, used
 from .figure import Truth, draw_figure
-from .following import Add, Course, Outcome, Progress, SpeedCount, follow, opened_folder
+from .following import Add, Came, Course, Outcome, Progress, SpeedCount, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
 from .overlay import OVERLAY, open_overlay
 from .readings import Read, displacement_reading, force_reading
@@ -69,7 +74,10 @@ class Compared(TypedDict):
 
 
 class Estimates(TypedDict):
-    """Part of a summary that counts the estimates; the last one is that of a frame."""
+    """Part of a summary that counts the estimates; the last one is that of a frame.
+
+    `late` is of the time from the arrival of a frame until its reading was made, and published.
+    """
 
     without_estimate: int
     without_estimate_because: dict[str, int]
@@ -78,6 +86,9 @@ class Estimates(TypedDict):
     truth: dict[str, Compared]
     mu_observable_frames: int
     ms_per_estimate: float | None
+    published: bool
+    late: Lateness
+    skipped: int
 
 
 class Method(TypedDict):
@@ -103,7 +114,7 @@ class EstimateSummary(Method, Setup, Course, Estimates):
 
 def estimate_source(
     rest: str,
-    source: str,
+    source: Choice | FrameSource,
     *,
     calibration: str,
     reconstructor: Choice,
@@ -117,6 +128,7 @@ def estimate_source(
     overwrite: bool = False,
     max_megapixels: float = MEGAPIXELS,
     truth: Truth | None = None,
+    publish: Sequence[str] = (),
     tell: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _, __: None,
 ) -> Outcome[EstimateSummary]:
@@ -134,6 +146,8 @@ def estimate_source(
     window: moving average of the friction estimate [s]
     rest, source, tracker, noise, fps, frames, out, overwrite: see `track_source`
     max_megapixels, tell, progress: see `track_source`
+    publish: targets to which each reading is sent at once, see `publish.targets`; frames of a live
+        source are then skipped where newer ones have come
     truth: true value of each frame by column, if known; the summary compares the estimates with it
 
     Raises
@@ -141,6 +155,7 @@ def estimate_source(
     UserError
         When there is nothing to estimate, or the calibration is another sensor's.
     """
+    check_targets(publish)
     known, rule = load_calibration(calibration), _friction_rule(friction)
     gains, read_with = _displacement_gains(known, calibration), None
     if gains is None:
@@ -178,9 +193,10 @@ def estimate_source(
         "camera_pose": pose.table(),
         "friction_window_s": window,
     }
-    rows = _Rows(read, opened, out, gains is not None, truth or {})
-    with opened_folder(out, overwrite, FILES):
-        return follow(opened, rows.open_files, partial(rows.summary, method), frames, out, progress)
+    with Publishers(publish) as publishers, opened_folder(out, overwrite, FILES):
+        rows = _Rows(read, opened, out, gains is not None, truth or {}, publishers)
+        summarise = partial(rows.summary, method)
+        return follow(opened, rows.open_files, summarise, frames, out, progress, bool(publish))
 
 
 def _displacement_gains(known: SensorCalibration, name: str) -> DisplacementGains | None:
@@ -233,6 +249,7 @@ class _Rows:
     out: folder of the files; None writes none
     flat: whether the rows are displacements of a flat pad
     truth: true value of each frame by column
+    publishers: where each reading is sent
     """
 
     def __init__(
@@ -242,8 +259,10 @@ class _Rows:
         out: Path | None,
         flat: bool,
         truth: Truth,
+        publishers: Publishers,
     ) -> None:
-        self._truth = truth
+        self._truth, self._publishers = truth, publishers
+        self._late, self._skipped = array("d"), 0
         self._read, self._opened, self._out, self._flat = read, opened, out, flat
         self._rows: list[Row] = []
         self._clock = SpeedCount()
@@ -257,11 +276,18 @@ class _Rows:
             table = files.enter_context(EstimateTable(path, columns))
             video = open_overlay(self._out, self._opened.source.fps, files)
 
-        def add(index: int, frame: Frame, tracks: Tracks) -> None:
+        def add(index: int, frame: Frame, tracks: Tracks, came: Came) -> None:
             begin = working_time()
-            row, draw = self._read(frame, tracks)
+            row, draw, observation = self._read(frame, tracks)
             self._clock.add(working_time() - begin)
             row |= {"frame": index, "time_s": frame.time}
+            late = time.monotonic() - came.at
+            if self._publishers:
+                message = message_of(row, observation, late_s=late, skipped=came.skipped)
+                self._publishers.send(message, frame)
+                late = time.monotonic() - came.at
+            self._late.append(late)
+            self._skipped = came.skipped
             # Arrays would make the memory grow with the source.
             self._rows.append({k: v for k, v in row.items() if not isinstance(v, np.ndarray)})
             if table is not None:
@@ -299,6 +325,9 @@ class _Rows:
             "truth": dict(_compared(estimated, self._truth)),
             "mu_observable_frames": sum(bool(row.get("mu_observable")) for row in estimated),
             "ms_per_estimate": self._clock.milliseconds,
+            "published": bool(self._publishers),
+            "late": lateness(self._late, 1.0 / self._opened.source.fps),
+            "skipped": self._skipped,
         }
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..folders import write_whole
-from ..output.pictures import Image, read_picture
-from ..stored_pictures import MEGAPIXELS
+from ..sources.picture_files import read_picture
+from ..stored_pictures import MEGAPIXELS, Image
 from ..tracking import AUTO_PALETTE, Palette, learn_palette, load_palette, sight
 
 Mask = NDArray[np.bool_]

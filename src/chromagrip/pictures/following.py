@@ -2,11 +2,12 @@
 
 import itertools
 import json
+import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Generic, TypedDict, TypeVar
+from typing import Generic, NamedTuple, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +17,30 @@ from ..errors import UserError
 from ..folders import prepared, write_whole
 from ..output.processes import one_thread
 from ..render import Frame
+from ..sources.delivery import Counts
+from ..sources.feed import Feed
 from ..tracking import Palette, Tracks
 from .opening import Opened
 
 #: Called after each frame with the number of frames done, and of all frames if it is known.
 Progress = Callable[[int, int | None], None]
-#: Called with each frame's number, picture and tracks.
-Add = Callable[[int, Frame, Tracks], None]
+
+
+class Came(NamedTuple):
+    """How a frame came.
+
+    Attributes
+    ----------
+    at: time of its arrival, by `time.monotonic` [s]
+    skipped: number of frames that were left out so far, because newer ones had come
+    """
+
+    at: float
+    skipped: int = 0
+
+
+#: Called with each frame's number, picture and tracks, and how it came.
+Add = Callable[[int, Frame, Tracks, Came], None]
 Summary = TypeVar("Summary", bound=Mapping[str, object])
 
 
@@ -51,6 +69,7 @@ class Course(TypedDict):
     layers: dict[str, LayerCount]
     lost: list[LostMarker]
     ambiguous: int
+    delivery: Counts
     ms_per_frame: float | None
 
 
@@ -139,6 +158,7 @@ def follow(
     limit: int | None,
     out: Path | None,
     progress: Progress,
+    newest: bool = False,
 ) -> Outcome[Summary]:
     """Track frame after frame; the summary is written however it ends.
 
@@ -151,17 +171,19 @@ def follow(
     limit: stop after so many frames
     out: folder of the summary; None writes none
     progress: called after every frame
+    newest: whether frames of a live source are skipped when newer ones have come
     """
     known = np.isfinite(opened.resting.position[..., 0])
     tally = _Tally(known=known, visible=np.zeros(known.shape, dtype=np.int64))
     count = opened.source.count
     total = count if limit is None else min(limit, count or limit)
     complete, ended = False, ""
+    opened.source.delivery.go_on()
     try:
         with ExitStack() as files, one_thread():
             add = open_files(files)
-            for index, frame, tracks in _tracked(opened, tally, limit):
-                add(index, frame, tracks)
+            for index, frame, tracks, came in _tracked(opened, tally, limit, newest):
+                add(index, frame, tracks, came)
                 progress(tally.frames, total)
         if tally.broken is not None:
             kept = f"; the results of the {tally.frames} frames before are kept"
@@ -187,17 +209,31 @@ def follow(
 
 
 def _tracked(
-    opened: Opened, tally: _Tally, limit: int | None
-) -> Iterator[tuple[int, Frame, Tracks]]:
+    opened: Opened, tally: _Tally, limit: int | None, newest: bool
+) -> Iterator[tuple[int, Frame, Tracks, Came]]:
     """Frames with their tracks, until the source ends or breaks off."""
     try:
-        for index, frame in enumerate(itertools.islice(opened.frames, limit)):
+        frames = itertools.islice(_coming(opened, newest), limit)
+        for index, (frame, came) in enumerate(frames):
             begin = working_time()
             tracks = opened.reader.track(frame)
             tally.add(tracks, working_time() - begin)
-            yield index, frame, tracks
+            yield index, frame, tracks, came
     except UserError as error:
         tally.broken = str(error)
+
+
+def _coming(opened: Opened, newest: bool) -> Iterator[tuple[Frame, Came]]:
+    """Frames as they come; of a live source the newest, if wanted."""
+    if not (newest and opened.source.live):
+        for frame in opened.frames:
+            yield frame, Came(time.monotonic())
+        return
+    frame_within = 10.0  # time in which the next frame must come [s]
+    source = replace(opened.source, frames=lambda: opened.frames)
+    with closing(Feed(source, frame_within)) as feed:
+        while (found := feed.next()) is not None:
+            yield found, Came(feed.arrived, feed.skipped)
 
 
 def _course(tally: _Tally, opened: Opened, complete: bool, ended: str) -> Course:
@@ -216,6 +252,7 @@ def _course(tally: _Tally, opened: Opened, complete: bool, ended: str) -> Course
         "layers": layers,
         "lost": [] if tally.last is None else _lost(tally.last, tally.known, palette),
         "ambiguous": tally.ambiguous,
+        "delivery": opened.source.delivery.counts,
         "ms_per_frame": tally.clock.milliseconds,
     }
 

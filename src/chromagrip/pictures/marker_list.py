@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError, located
-from ..output.pictures import SUFFIXES, Image, is_picture, read_picture
-from ..stored_pictures import MEGAPIXELS, kind_of
+from ..sources.picture_files import is_picture, read_picture
+from ..sources.source import SUFFIXES
+from ..stored_pictures import MEGAPIXELS, Image, kind_of
 from ..tracking import AUTO_PALETTE, Markers, Palette, detect_markers, join_layers
 from .any_size import Fitting, fitting
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder

@@ -9,11 +9,11 @@ import numpy as np
 
 from ..by_name import Choice, blaming, name_of
 from ..errors import UserError, located
-from ..output.pictures import Image, Source, open_source
 from ..output.processes import one_thread
 from ..render import Frame, SensorDesign
 from ..sensing.reader import Reader, check_tracks
-from ..stored_pictures import MEGAPIXELS
+from ..sources import FrameSource, Source, open_source
+from ..stored_pictures import MEGAPIXELS, Image
 from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_rest
 from .any_size import Fitter, Fitting, fitting
 from .find_sensor import Find
@@ -71,7 +71,7 @@ class Opened:
 
 def open_tracking(
     rest: str,
-    source: str,
+    source: Choice | FrameSource,
     *,
     find: Find,
     tracker: Choice,
@@ -91,8 +91,8 @@ def open_tracking(
         When there is nothing to track.
     """
     make, name = load_tracker(tracker), name_of(tracker)
-    refuse_swapped(rest, source)
-    opened = open_source(source, fps, rest_picture(rest, source), max_megapixels)
+    refuse_swapped(rest, name_of(source))
+    opened = open_source(source, fps, rest_picture(rest, name_of(source)), max_megapixels)
     tell("rest frame")
     with one_thread():
         still, rest_words, place, frames = rest_frames(

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..control import GripObservation
 from ..errors import UserError
 from ..loop.force_row import force_row
 from ..output.parquet import Row
@@ -19,10 +20,14 @@ from .overlay import Magnification, TrackDrawing
 
 
 class Shown(NamedTuple):
-    """A frame's row of the table, and what draws the frame with its estimates."""
+    """A frame's row of the table, what draws the frame with its estimates, and what was seen.
+
+    There is no observation of a flat pad.
+    """
 
     row: Row
     draw: Callable[[], NDArray[np.uint8]]
+    observation: GripObservation | None = None
 
 
 #: Called with each frame and its tracks.
@@ -70,7 +75,7 @@ def force_reading(
             factor = motion.after(tracks)
             return draw_forces(frame.image, place, tracks, rest, observation, factor)
 
-        return Shown(row, draw)
+        return Shown(row, draw, observation)
 
     return read
 

@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import UserError
-from ..output.pictures import Image, Source, is_picture, open_source
 from ..render import Frame
-from ..stored_pictures import MEGAPIXELS
+from ..sources import NoSourceError, Source, open_source
+from ..sources.picture_files import is_pattern, is_picture
+from ..stored_pictures import MEGAPIXELS, Image
 from ..tracking import detect_markers, join_layers
 from .find_sensor import Find
 
@@ -40,6 +41,7 @@ def rest_picture(rest: str, source: str) -> Path | None:
     Recordings and our own datasets keep it there. A picture of another name may be a frame too.
     """
     path, folder = Path(rest), Path(source)
+    folder = folder.parent if is_pattern(source) else folder
     if not _called_rest(path):
         return None
     return path if folder.is_dir() and path.parent.samefile(folder) else None
@@ -89,12 +91,7 @@ def rest_frames(
         return Resting([frame], f"frame {index} of the source, found", place, source.frames())
     first = re.fullmatch(r"first(?::(\d+))?", rest)
     if first is None:
-        if not rest.startswith(("camera:", "pipe:")) and not Path(rest).exists():
-            raise UserError(
-                f"rest {rest}: there is no such file or folder; give a picture, a folder, a video, "
-                "first, first:N or auto"
-            )
-        own = open_source(rest, max_megapixels=max_megapixels)
+        own = _own_source(rest, max_megapixels)
         if own.live:
             raise UserError(f"rest {rest} is a camera; give a picture, or first:N of the source")
         still = list(itertools.islice(own.frames(), 8))
@@ -114,6 +111,19 @@ def rest_frames(
         words = f"first {wanted} frames of the source"
         place = f"rest first {wanted} frames of {source.name}"
     return Resting(still, words, place, itertools.chain(still, frames))
+
+
+def _own_source(rest: str, max_megapixels: float) -> Source:
+    """Source of frames at rest alone."""
+    try:
+        if not rest.startswith("first:"):
+            return open_source(rest, max_megapixels=max_megapixels)
+    except NoSourceError:
+        pass
+    raise UserError(
+        f"rest {rest}: there is no such file or folder; give a picture, a folder, a video, first, "
+        "first:N or auto"
+    )
 
 
 def _most_exact(

@@ -14,10 +14,11 @@ from ..extras import lacking, table_suffix
 from ..output.parquet import TrackTable
 from ..output.versions import versions
 from ..render import Frame
+from ..sources import FrameSource
 from ..stored_pictures import MEGAPIXELS
 from ..tracking import AUTO_PALETTE, Tracks
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
-from .following import Add, Course, Outcome, Progress, follow, opened_folder
+from .following import Add, Came, Course, Outcome, Progress, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
 from .overlay import OVERLAY, TrackDrawing, dropped, open_overlay
 
@@ -49,7 +50,7 @@ class TrackSummary(Assumed, Setup, Course):
 
 def track_source(
     rest: str,
-    source: str,
+    source: Choice | FrameSource,
     *,
     palette: str = AUTO_PALETTE,
     within: Within = ANYWHERE,
@@ -74,7 +75,7 @@ def track_source(
     Parameters
     ----------
     rest: see `rest_frames`
-    source: folder of pictures, video file, picture or camera:0
+    source: source of the frames, see `open_source`
     palette: `auto`, or a name or file, see `load_palette`
     within: where the sensor is, by default found
     tracker: name, `module:Class`, or a class or other factory, see `load_tracker`
@@ -144,13 +145,13 @@ def _original(tracks: Tracks, opened: Opened) -> Tracks:
 def _open_files(opened: Opened, out: Path | None, files: ExitStack) -> Add:
     """Open table and overlay; returns what adds a frame to them."""
     if out is None:
-        return lambda index, frame, tracks: None
+        return lambda index, frame, tracks, came: None
     draw = TrackDrawing(opened.palette, opened.start, opened.resting)
     path = out / f"tracks{table_suffix('.csv')}"
     table = files.enter_context(TrackTable(path, opened.palette.names))
     video = open_overlay(out, opened.source.fps, files)
 
-    def add(index: int, frame: Frame, tracks: Tracks) -> None:
+    def add(index: int, frame: Frame, tracks: Tracks, _: Came) -> None:
         table.add(index, _original(tracks, opened))
         if video is not None:
             video.append(draw(frame.image, tracks))

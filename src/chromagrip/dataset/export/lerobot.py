@@ -1,11 +1,12 @@
 """A dataset in LeRobot's layout, version 3: tables of all frames, one video, and meta data."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,12 @@ if TYPE_CHECKING:
 
 #: Feature of the pictures.
 CAMERA = "observation.images.tactile"
+#: Feature of the markers: pixels of each layer's markers, right and down; NaN where one is missing.
+MARKERS = "observation.markers"
 #: Columns of a frame in the feature `observation.state`.
 STATE = ("grip_n", "load_n", "rigid_part_mm", "object_mm")
+#: Numbers of a frame in the feature `observation.wrench`, in the order of ROS.
+WRENCH = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
 #: Columns of a frame in the feature `label.forces`.
 FORCES = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
 #: Columns of a frame in the feature `reading.forces`, where the dataset has a reading.
@@ -35,8 +40,10 @@ _FILE = "chunk-000/file-000"
 Array = NDArray[np.float64]
 #: Columns of the table of frames.
 Columns = dict[str, NDArray[Any]]
-#: Smallest, largest, mean, deviation and count of a feature.
-Stats = dict[str, list[Any]]
+#: Smallest, largest, mean, deviation, count and quantiles of a feature; NaN where nothing is known.
+Stats = dict[str, Array]
+#: Quantiles among the statistics.
+_QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,8 +88,8 @@ class Episode:
             f"videos/{CAMERA}/to_timestamp": self.end / rate,
             **{
                 f"stats/{feature}/{kind}": values
-                for feature, kinds in self.stats.items()
-                for kind, values in kinds.items()
+                for feature, stats in self.stats.items()
+                for kind, values in _plain(stats).items()
             },
         }
 
@@ -99,66 +106,83 @@ def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, in
     Raises
     ------
     UserError
-        When the rate is no whole number, or rate or size of pictures differ between sequences.
+        When the rate is no whole number, or rate, size of pictures or number of markers differ
+        between sequences.
     """
-    video = out / "videos" / CAMERA / f"{_FILE}.mp4"
-    video.parent.mkdir(parents=True)
-    tables: list[Columns] = []
+    pq = need("pyarrow.parquet", "data")
+    data, video = out / f"data/{_FILE}.parquet", out / f"videos/{CAMERA}/{_FILE}.mp4"
+    for path in (data, video):
+        path.parent.mkdir(parents=True)
     episodes: list[Episode] = []
     tasks: list[str] = []
-    film: VideoFile | None = None
-    rate, shape, start = 0, (0, 0, 3), 0
+    size: _Size | None = None
     quality = 12  # rate factor of x264; lower is better
     keyframes = "2"  # pictures from one keyframe to the next, as in LeRobot's own videos
-    sampled = 4  # pictures of a sequence that its colours' mean and spread are computed from
+    sampled = 4  # pictures of a sequence that its colours' statistics are computed from
     with ExitStack() as files:
         for one in sequences:
-            own = one.scene.camera.rate_hz
-            rate = rate or round(own)
-            if own != rate:
-                raise UserError(
-                    f"sequence {one.number} has {own:g} frames a second; LeRobot wants one whole "
-                    "number for all"
-                )
-            if film is None:
-                film = files.enter_context(VideoFile(video, rate, quality, {"g": keyframes}))
+            size = _one_size(one, size)
             task = str(one.values.get("motion", "press"))
             tasks += [] if task in tasks else [task]
+            start = episodes[-1].end if episodes else 0
+            columns = _columns(one, len(episodes), start, tasks.index(task))
+            table = _table(columns)
+            if not episodes:
+                film = files.enter_context(VideoFile(video, size.rate, quality, {"g": keyframes}))
+                rows = files.enter_context(pq.ParquetWriter(data, table.schema))
+            rows.write_table(table)
             length = len(one.pictures)
             colours = []
             for t, image in enumerate(one.images()):
-                shape = _one_shape(image, shape, one.number)
                 film.append(image)
                 if t % max(1, length // sampled) == 0:
                     colours.append(image.reshape(-1, 3) / 255.0)
-            columns = _columns(one, len(episodes), start, tasks.index(task))
-            tables.append(columns)
             stats = {name: _stats(values) for name, values in columns.items()}
             stats[CAMERA] = _image_stats(np.concatenate(colours), len(colours))
             episodes.append(
                 Episode(number=len(episodes), start=start, length=length, task=task, stats=stats)
             )
-            start += length
-    rows = [episode.row(rate) for episode in episodes]
-    _write_tables(out, tables, rows, tasks)
-    stats = {name: _stats(np.concatenate([part[name] for part in tables])) for name in tables[0]}
-    _write_json(out, "stats", stats | {CAMERA: _joined(episodes)})
+    assert size is not None
+    _write_meta(out, [episode.row(size.rate) for episode in episodes], tasks)
+    joined = {name: _plain(_joined([one.stats[name] for one in episodes])) for name in stats}
+    _write_json(out, "stats", joined)
     _write_json(
-        out, "info", _info(_features(columns, rate, shape), episodes, len(tasks), rate, parts)
+        out, "info", _info(_features(columns, size), episodes, len(tasks), size.rate, parts)
     )
 
 
-def _one_shape(
-    image: NDArray[np.uint8], before: tuple[int, int, int], number: int
-) -> tuple[int, int, int]:
-    """Shape of a picture, which must be that of those before, (0, 0, 3) where there are none."""
-    height, width, _ = image.shape
-    if before not in ((0, 0, 3), image.shape):
-        raise UserError(
-            f"sequence {number} has pictures of {width}×{height} pixels; LeRobot wants one size "
-            "for all"
+class _Size(NamedTuple):
+    """What all sequences must have in common.
+
+    Attributes
+    ----------
+    rate: frames per second
+    height, width: of the pictures [px]
+    markers: number of markers of each layer
+    """
+
+    rate: int
+    height: int
+    width: int
+    markers: int
+
+
+def _one_size(one: Loaded, before: _Size | None) -> _Size:
+    """Size of a sequence, which must be that of the sequences before it."""
+    rate, view = one.scene.camera.rate_hz, one.scene.build_sensor().view
+    own = _Size(round(rate), view.height, view.width, one.places.shape[2])
+    if rate != (before or own).rate:
+        problem = f"{rate:g} frames a second; LeRobot wants one whole number for all"
+    elif before and own[1:3] != before[1:3]:
+        problem = f"pictures of {own.width}×{own.height} pixels; LeRobot wants one size for all"
+    elif before and own.markers != before.markers:
+        problem = (
+            f"{own.markers} markers of each colour, others {before.markers}; LeRobot wants one "
+            "number for all"
         )
-    return height, width, 3
+    else:
+        return own
+    raise UserError(f"sequence {one.number} has {problem}")
 
 
 def _columns(one: Loaded, episode: int, start: int, task: int) -> Columns:
@@ -172,7 +196,9 @@ def _columns(one: Loaded, episode: int, start: int, task: int) -> Columns:
     read = READ_FORCES[0] in one.frames
     return {
         "observation.state": stacked(STATE),
-        "action": stacked(_ACTION),
+        MARKERS: one.places.astype(np.float32),
+        "observation.wrench": _wrench(one).astype(np.float32),
+        "action": stacked(_ACTION)[:, 0],
         "label.forces": stacked(FORCES),
         **({"reading.forces": stacked(READ_FORCES)} if read else {}),
         "label.slip_state": np.array([STATES.index(s) for s in one.frames["slip_state"]]),
@@ -184,48 +210,94 @@ def _columns(one: Loaded, episode: int, start: int, task: int) -> Columns:
     }
 
 
+def _wrench(one: Loaded) -> Array:
+    """True wrench of the object on the sensor as WRENCH, shape (T, 6).
+
+    A chain has sums along and across its slice only; they are x and −z.
+    """
+    known = one.frames
+    if WRENCH[0] in known:
+        return np.stack(
+            [1e-3 * known[f"{n}m"] if f"{n}m" in known else known[n] for n in WRENCH], axis=1
+        )
+    wrench = np.zeros((len(one.pictures), 6))
+    wrench[:, 0], wrench[:, 2] = known["friction_n"], -known["normal_n"]
+    return wrench
+
+
 def _stats(values: NDArray[Any]) -> Stats:
-    """Statistics of each number, over the rows in which all are finite."""
-    flat = values.reshape(len(values), -1).astype(float)
-    known = np.isfinite(flat).all(axis=1)
-    flat = flat[known] if known.any() else np.zeros_like(flat)
+    """Statistics over the rows in which a number is finite.
+
+    As in LeRobot, those of an array of a frame are over all its axes but the last.
+    """
+    shape = values.shape[1:][-1:] or (1,)
+    flat = values.reshape(-1, *shape).astype(float)
+    flat[~np.isfinite(flat)] = np.nan
+    known = np.isfinite(flat).any(axis=0)
+
+    def of(function: Callable[[Array], Any]) -> Array:
+        found = np.full(shape, np.nan)
+        found[known] = function(flat[:, known])
+        return found
+
     return {
-        "min": flat.min(axis=0).tolist(),
-        "max": flat.max(axis=0).tolist(),
-        "mean": flat.mean(axis=0).tolist(),
-        "std": flat.std(axis=0).tolist(),
-        "count": [len(flat)],
+        "min": of(partial(np.nanmin, axis=0)),
+        "max": of(partial(np.nanmax, axis=0)),
+        "mean": of(partial(np.nanmean, axis=0)),
+        "std": of(partial(np.nanstd, axis=0)),
+        "count": np.array([len(values)]),
+        **{name: of(partial(np.nanquantile, q=q, axis=0)) for name, q in _QUANTILES.items()},
     }
 
 
 def _image_stats(colours: Array, count: int) -> Stats:
-    found = {
-        k: np.reshape(v, (3, 1, 1)).tolist() for k, v in _stats(colours).items() if k != "count"
+    """Statistics of each colour over sampled pictures, whose number is their count."""
+    found = {kind: values.reshape(-1, 1, 1) for kind, values in _stats(colours).items()}
+    return {**found, "count": np.array([count])}
+
+
+def _joined(parts: Sequence[Stats]) -> Stats:
+    """Statistics of a feature over all episodes, each weighted by its count, as LeRobot joins them.
+
+    That makes its quantiles approximate. Unknown statistics are 0.
+    """
+    of = {kind: np.ma.masked_invalid([part[kind] for part in parts]) for kind in parts[0]}
+    over = partial(np.ma.average, axis=0, weights=of["count"][:, 0])
+    mean = over(of["mean"])
+    joined = {
+        "min": of["min"].min(axis=0),
+        "max": of["max"].max(axis=0),
+        "mean": mean,
+        "std": np.ma.sqrt(over(of["std"] ** 2 + (of["mean"] - mean) ** 2)),
+        "count": of["count"].sum(axis=0),
+        **{name: over(of[name]) for name in _QUANTILES},
     }
-    return {**found, "count": [count]}
+    return {kind: values.filled(0) for kind, values in joined.items()}
 
 
-def _write_tables(
-    out: Path,
-    parts: list[Columns],
-    episodes: list[dict[str, object]],
-    tasks: list[str],
-) -> None:
+def _plain(stats: Stats) -> dict[str, list[Any]]:
+    """Statistics as lists; unknown ones are 0."""
+    return {kind: np.nan_to_num(values).tolist() for kind, values in stats.items()}
+
+
+def _table(columns: Columns) -> "pa.Table":
+    """Rows of an episode; an array of a frame is a list of lists."""
+    pa = need("pyarrow", "data")
+    table = {}
+    for name, values in columns.items():
+        table[name] = pa.array(values.ravel())
+        for size in reversed(values.shape[1:]):
+            table[name] = pa.FixedSizeListArray.from_arrays(table[name], size)
+    return pa.table(table)
+
+
+def _write_meta(out: Path, episodes: list[dict[str, object]], tasks: list[str]) -> None:
+    """Write the tables of the episodes and of the tasks."""
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
-    columns = {}
-    for name in parts[0]:
-        values = np.concatenate([part[name] for part in parts])
-        flat = pa.array(values.ravel())
-        wide = values.ndim == 2 and values.shape[1] > 1
-        columns[name] = pa.FixedSizeListArray.from_arrays(flat, values.shape[1]) if wide else flat
-    for where, table in (
-        (f"data/{_FILE}.parquet", pa.table(columns)),
-        (f"meta/episodes/{_FILE}.parquet", pa.Table.from_pylist(episodes)),
-        ("meta/tasks.parquet", _tasks(tasks)),
-    ):
-        path = out / where
-        path.parent.mkdir(parents=True, exist_ok=True)
-        pq.write_table(table, path)
+    path = out / f"meta/episodes/{_FILE}.parquet"
+    path.parent.mkdir(parents=True)
+    pq.write_table(pa.Table.from_pylist(episodes), path)
+    pq.write_table(_tasks(tasks), out / "meta/tasks.parquet")
 
 
 def _tasks(tasks: list[str]) -> "pa.Table":
@@ -253,27 +325,26 @@ def _tasks(tasks: list[str]) -> "pa.Table":
     return table.replace_schema_metadata({b"pandas": json.dumps(pandas).encode()})
 
 
-def _features(
-    columns: Columns, rate: int, shape: tuple[int, int, int]
-) -> dict[str, dict[str, object]]:
-    """Type, shape and names of each feature; `shape` is that of the pictures."""
+def _features(columns: Columns, size: _Size) -> dict[str, dict[str, object]]:
+    """Type, shape and names of each feature."""
     names = {
-        "observation.state": STATE, "action": _ACTION, "label.forces": FORCES,
+        "observation.state": STATE, MARKERS: ("layer", "marker", "xy"),
+        "observation.wrench": WRENCH, "action": _ACTION, "label.forces": FORCES,
         "reading.forces": READ_FORCES,
     }  # fmt: skip
     features: dict[str, dict[str, object]] = {
         CAMERA: {
             "dtype": "video",
-            "shape": list(shape),
+            "shape": [size.height, size.width, 3],
             "names": ["height", "width", "channels"],
             "info": {
-                "video.height": shape[0],
-                "video.width": shape[1],
+                "video.height": size.height,
+                "video.width": size.width,
                 "video.codec": "h264",
                 "video.pix_fmt": "yuv444p",
-                "video.is_depth_map": False,
-                "video.fps": rate,
+                "video.fps": size.rate,
                 "video.channels": 3,
+                "is_depth_map": False,
                 "has_audio": False,
             },
         }
@@ -282,7 +353,7 @@ def _features(
         own = names.get(name)
         features[name] = {
             "dtype": str(values.dtype),
-            "shape": [len(own) if own else 1],
+            "shape": list(values.shape[1:] or (1,)),
             "names": list(own) if own else None,
         }
     return features
@@ -319,21 +390,3 @@ def _info(
 def _write_json(out: Path, name: str, content: Mapping[str, object]) -> None:
     text = json.dumps(content, indent=4, ensure_ascii=False)
     (out / "meta" / f"{name}.json").write_text(text + "\n", encoding="utf-8")
-
-
-def _joined(episodes: list[Episode]) -> Stats:
-    """Colours of all episodes, each weighted by the pictures it was sampled in."""
-
-    def of(kind: str) -> Array:
-        return np.array([episode.stats[CAMERA][kind] for episode in episodes], dtype=float)
-
-    weight = of("count").reshape(-1, 1, 1, 1)
-    mean = (weight * of("mean")).sum(axis=0) / weight.sum()
-    square = (weight * (of("std") ** 2 + of("mean") ** 2)).sum(axis=0) / weight.sum()
-    return {
-        "min": of("min").min(axis=0).tolist(),
-        "max": of("max").max(axis=0).tolist(),
-        "mean": mean.tolist(),
-        "std": np.sqrt(np.maximum(square - mean**2, 0.0)).tolist(),
-        "count": [int(weight.sum())],
-    }

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ...output.logs.entries import Array, Pictures
-from ...output.pictures import PNG_BEGIN, PNG_END, open_source
 from ...output.png import encode_png
+from ...sources import open_source
+from ...sources.picture_files import PNG_BEGIN, PNG_END
 from .run_folder import LARGEST_FILE, RunRead, check_size
 from .tactile_video import FPS, SLOWDOWN
 

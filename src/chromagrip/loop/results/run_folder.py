@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ...extras import missing
-from ...output.pictures import open_source
 from ...scene.scene import Mechanics, PathName, Scene, load_scene
+from ...sources import open_source
 from ...strange_files import inside
 from ..columns import columns_of
 from ..trace import Summary

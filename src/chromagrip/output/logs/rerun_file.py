@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...extras import need
+from ...folders import write_whole
 from .entries import (
     ERROR,
     OK,
@@ -35,9 +36,14 @@ COLOURS = {
 
 
 def write_rerun(log: Log, path: Path) -> None:
-    """Write a log as a file of Rerun.
+    """Write a log as a file of Rerun, which is whole or not there.
 
     The SDK only prints an error of the disk. So it writes into memory here, and Python to the disk.
+
+    Raises
+    ------
+    UserError
+        When it cannot be written, such as on a full disk.
     """
     rr = need("rerun", "viz")
     stream = rr.RecordingStream("chromagrip")
@@ -56,7 +62,7 @@ def write_rerun(log: Log, path: Path) -> None:
     text = f"| {log.name} | |\n|---|---|\n{told}\n\n```toml\n{log.scene}\n```"
     document = rr.TextDocument(text, media_type="text/markdown")
     stream.log("/run", document, static=True, strict=True)
-    path.write_bytes(memory.read(flush=True))
+    write_whole(path, memory.read(flush=True))
     stream.disconnect()
 
 

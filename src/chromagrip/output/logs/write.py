@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Literal
 
 from ...extras import require
-from ...folders import whole_file
 from .entries import Log
 from .mcap_file import write_mcap
 from .rerun_file import write_rerun
@@ -23,7 +22,7 @@ class Kind:
     ----------
     file: name of the log in a run folder
     extra: that it needs
-    write: writes a log to a path
+    write: writes a log to a path, as a file that is whole or not there
     """
 
     file: str
@@ -60,8 +59,6 @@ def write_logs(log: Log, folder: Path, formats: Sequence[LogFormat]) -> list[Pat
     """
     paths = []
     for each in dict.fromkeys(formats):
-        path = folder / KINDS[each].file
-        with whole_file(path) as part:
-            KINDS[each].write(log, part)
-        paths.append(path)
+        paths.append(folder / KINDS[each].file)
+        KINDS[each].write(log, paths[-1])
     return paths

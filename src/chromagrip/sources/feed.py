@@ -1,12 +1,14 @@
 """Frames of a source as they come, and a refusal when they stop coming."""
 
 import threading
+import time
 from contextlib import suppress
 from queue import Empty, Full, Queue
+from typing import Any
 
 from ..errors import UserError
-from ..output.pictures import Source
 from ..render import Frame
+from .source import Source
 
 
 class Feed:
@@ -24,9 +26,16 @@ class Feed:
     def __init__(self, source: Source, limit: float) -> None:
         self.source, self.limit = source, limit
         self.given = self.skipped = 0
-        self._waiting: Queue[Frame | BaseException | None] = Queue(maxsize=1)
+        #: Time at which the last frame came, by `time.monotonic` [s].
+        self.arrived = 0.0
+        self._waiting: Queue[tuple[Frame | BaseException | None, float]] = Queue(maxsize=1)
         self._closed = threading.Event()
         threading.Thread(target=self._read, daemon=True).start()
+
+    @property
+    def counts(self) -> dict[str, Any]:
+        """Values of a summary: frames that the loop skipped, and the delivery of the source."""
+        return {"frames_skipped": self.skipped, "delivery": self.source.delivery.counts}
 
     def next(self) -> Frame | None:
         """Wait for the next frame; None at the end.
@@ -37,7 +46,7 @@ class Feed:
             When no frame comes in time, or the source fails.
         """
         try:
-            found = self._waiting.get(timeout=min(self.limit, threading.TIMEOUT_MAX))
+            found, self.arrived = self._waiting.get(timeout=min(self.limit, threading.TIMEOUT_MAX))
         except Empty:
             raise UserError(
                 f"{self.source.name} gave no frame within {self.limit:g} s after "
@@ -64,10 +73,11 @@ class Feed:
         self._put(end, last=True)
 
     def _put(self, found: Frame | BaseException | None, last: bool = False) -> None:
+        came = found, time.monotonic()
         check_s = 0.1  # interval at which a waiting feed checks whether it was closed [s]
         while not self._closed.is_set():
             try:
-                self._waiting.put(found, timeout=0.0 if self.source.live else check_s)
+                self._waiting.put(came, timeout=0.0 if self.source.live else check_s)
                 return
             except Full:
                 if self.source.live and not last:

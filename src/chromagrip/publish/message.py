@@ -1,0 +1,125 @@
+"""A published reading: one JSON object, the row of a table of estimates with how late it is.
+
+`docs/file-formats.md` lists its keys. `observation_of` makes of it what our controllers take.
+"""
+
+import math
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from ..control import GripObservation
+from ..errors import UserError
+from ..model import ForceField
+from ..output.parquet import Row
+
+#: Name and version of the messages.
+SCHEMA = "chromagrip reading 1"
+Message = dict[str, Any]
+
+
+def message_of(
+    row: Row, observation: GripObservation | None, *, late_s: float, skipped: int
+) -> Message:
+    """Message of a reading.
+
+    Parameters
+    ----------
+    row: row of the table of estimates, with its frame and time
+    observation: observation of the row; None for displacements of a flat pad
+    late_s: time since the frame came [s]
+    skipped: number of frames that were left out so far, because newer ones had come
+    """
+    about = {"schema": SCHEMA, "published_s": time.time(), "late_s": late_s, "skipped": skipped}
+    values = {name: value for name, value in row.items() if not isinstance(value, np.ndarray)}
+    if observation is None or observation.no_estimate:
+        return {**about, **values}
+    covariance = observation.field.wrench_covariance
+    known = covariance is not None and np.isfinite(covariance).all()
+    return {
+        **about,
+        **values,
+        "wrench_covariance": covariance.tolist() if covariance is not None and known else None,
+        "mu_observed": bool(observation.friction_observable),
+        "torsion_nmm": _finite(1e3 * observation.torsion),
+        "torsion_borne_nmm": _finite(1e3 * observation.torsion_borne),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def encoded(message: Message) -> bytes:
+    """JSON of a message, in one line without its end."""
+    return msgspec.json.encode(message)
+
+
+def decoded(data: bytes, place: str) -> Message:
+    """Message of its JSON.
+
+    Parameters
+    ----------
+    data: one JSON object
+    place: where it came from, for messages
+
+    Raises
+    ------
+    UserError
+        For data that are no message of this version.
+    """
+    try:
+        message = msgspec.json.decode(data)
+    except msgspec.DecodeError:
+        message = None
+    schema = message.get("schema") if isinstance(message, dict) else None
+    if schema != SCHEMA:
+        what = "no reading" if schema is None else f"a message of the schema {schema!r}"
+        raise UserError(f"{place} sent {what}; wanted: {SCHEMA!r}")
+    return dict(message)
+
+
+def observation_of(message: Mapping[str, Any]) -> GripObservation:
+    """Observation for a controller: forces in sum, friction and margins of a message.
+
+    Its margin is the smaller one of Γ and that with torsion, as scenes hold it by default. The
+    forces are those of a single node, with the right sums and their covariances left at zero.
+    """
+
+    def number(name: str) -> float:
+        value = message.get(name)
+        return math.nan if value is None else float(value)
+
+    def interval(name: str) -> tuple[float, float]:
+        return number(f"{name}_low"), number(f"{name}_high")
+
+    reason = str(message.get("no_estimate") or "")
+    normal, friction = (0.0 if reason else number(name) for name in ("normal_n", "friction_n"))
+    field = ForceField(
+        position=np.zeros((1, 3)),
+        normal=np.array([normal]),
+        friction=np.array([[friction, 0.0, 0.0]]),
+        contact=np.array([normal > 0.0]),
+        totals_covariance=np.zeros((2, 2)),
+        directions=np.array([[0.0, 0.0, -1.0]]),
+    )
+    limit = number("limit_margin")
+    held = "limit_margin" if math.isfinite(limit) else "margin"
+    return GripObservation(
+        time=number("time_s"),
+        field=field,
+        friction=number("mu"),
+        friction_interval=interval("mu"),
+        friction_observable=bool(message.get("mu_observed")),
+        margin=number(held),
+        margin_interval=interval(held),
+        lateral_displacement=math.nan,
+        no_estimate=reason,
+        limit_margin=limit,
+        limit_margin_interval=interval("limit_margin"),
+        torsion=1e-3 * number("torsion_nmm"),
+        torsion_borne=1e-3 * number("torsion_borne_nmm"),
+    )

@@ -1,0 +1,159 @@
+"""Published readings: what is sent, to whom, and what a controller makes of it."""
+
+import json
+import socket
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from chromagrip.control import GripObservation
+from chromagrip.errors import UserError
+from chromagrip.loop.force_row import force_row
+from chromagrip.model import ForceField
+from chromagrip.publish.message import SCHEMA, decoded, encoded, message_of, observation_of
+from chromagrip.publish.subscribe import Subscriber
+from chromagrip.publish.targets import Publishers
+from chromagrip.render import Frame
+from chromagrip.scene import load_scene
+from chromagrip.scene.controllers import CONTROLLERS
+from chromagrip.sensing.margins import finished, held
+from chromagrip.tracking import CAMERA_RULE
+
+FRAME = Frame(image=np.zeros((8, 8, 3), np.uint8), time=0.25)
+
+
+def seen(time: float, margin: float, twist: float = 0.0) -> GripObservation:
+    """Observation of three nodes under 3 N, whose µ is .5 and whose Γ is `margin`."""
+    x = np.array([-1.0, 0.0, 1.0])
+    pull = 0.5 * (1.0 - margin) * np.ones(3)
+    friction = np.stack([pull, twist * x, 0.0 * x], axis=1)
+    field = ForceField(
+        position=np.stack([3e-3 * x, 0.0 * x, 20e-3 + 0.0 * x], axis=1),
+        normal=np.ones(3),
+        friction=friction,
+        contact=np.ones(3, np.bool_),
+        totals_covariance=np.diag([0.01, 0.02]),
+        directions=np.tile([0.0, 0.0, -1.0], (3, 1)),
+        wrench_covariance=np.diag([1e-2, 2e-2, 3e-2, 1e-6]),
+    )
+    return finished(
+        GripObservation(
+            time=time, field=field, friction=0.5, friction_interval=(0.4, 0.6),
+            friction_observable=True, margin=margin, margin_interval=(margin - 0.1, margin + 0.1),
+            lateral_displacement=float("nan"),
+        )
+    )  # fmt: skip
+
+
+def message(observation: GripObservation, **about: float) -> dict[str, object]:
+    row = force_row(observation, CAMERA_RULE) | {"frame": 1, "time_s": observation.time}
+    made = message_of(row, observation, late_s=about.get("late_s", 0.0), skipped=0)
+    return decoded(encoded(made), "test")
+
+
+def test_a_message_has_sums_wrench_and_margins_in_their_units() -> None:
+    told = message(seen(0.25, 0.3), late_s=0.004)
+    assert told["schema"] == SCHEMA
+    assert told["time_s"] == 0.25
+    assert told["late_s"] == 0.004
+    assert told["normal_n"] == pytest.approx(3.0)
+    assert told["friction_n"] == pytest.approx(3 * 0.5 * 0.7)
+    assert told["force_z_n"] == pytest.approx(-3.0)
+    assert told["margin"] == pytest.approx(0.3)
+    assert (told["margin_low"], told["margin_high"]) == pytest.approx((0.2, 0.4))
+    assert np.array(told["wrench_covariance"]).diagonal() == pytest.approx([1e-2, 2e-2, 3e-2, 1e-6])
+
+
+@pytest.mark.parametrize("name", sorted(CONTROLLERS.entries))
+@pytest.mark.parametrize("twist", [0.0, 0.2])
+def test_a_controller_commands_the_same_from_messages(name: str, twist: float) -> None:
+    scene = replace(load_scene("chromatouch-2022"), controller=name)
+    one, other = scene.build_controller(), scene.build_controller()
+    for k in range(40):
+        observation = seen(k / 60, 0.5 - 0.02 * k, twist)
+        direct = one.command(held(observation, "smaller")).force
+        assert other.command(observation_of(message(observation))).force == pytest.approx(direct)
+
+
+def test_a_reading_without_an_estimate_says_why() -> None:
+    told = message_of(
+        {"frame": 3, "time_s": 0.1, "no_estimate": "too few markers"}, None, late_s=0.0, skipped=2
+    )
+    observation = observation_of(decoded(encoded(told), "test"))
+    assert observation.no_estimate == "too few markers"
+    assert np.isnan(observation.margin)
+
+
+def free_port(kind: int = socket.SOCK_DGRAM) -> int:
+    with socket.socket(socket.AF_INET, kind) as made:
+        made.bind(("127.0.0.1", 0))
+        return int(made.getsockname()[1])
+
+
+@pytest.mark.parametrize("kind", ["udp", "zmq"])
+def test_the_newest_message_arrives(kind: str) -> None:
+    target = f"{kind}:{free_port()}"
+    with Subscriber(target) as readings, Publishers([target]) as publishers:
+        assert readings.next(0.0) is None
+        for k in range(200):  # a subscriber of ZeroMQ needs a moment to connect
+            publishers.send(message(seen(k / 60, 0.3)), FRAME)
+            told = readings.next(0.05)
+            if told is not None:
+                break
+        assert told is not None
+        assert told["margin"] == pytest.approx(0.3)
+        for k in range(300, 303):
+            publishers.send(message(seen(k / 60, 0.3)), FRAME)
+        threading.Event().wait(0.1)
+        told = readings.next(1.0)
+        assert told is not None
+        assert told["time_s"] == pytest.approx(302 / 60)
+        assert readings.skipped >= 2
+
+
+def test_lines_of_json_are_appended(tmp_path: Path) -> None:
+    path = tmp_path / "readings.jsonl"
+    for k in range(2):
+        with Publishers([f"jsonl:{path}"]) as publishers:
+            publishers.send(message(seen(float(k), 0.3)), FRAME)
+    times = [json.loads(line)["time_s"] for line in path.read_text().splitlines()]
+    assert times == [0.0, 1.0]
+
+
+def test_nobody_need_listen() -> None:
+    with Publishers([f"udp:{free_port()}"]) as publishers:
+        for _ in range(3):
+            publishers.send(message(seen(0.0, 0.3)), FRAME)
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        ("tcp:1", "no known kind"),
+        ("udp:", "no port"),
+        ("udp:70000", "no port"),
+        ("zmq:here", "no port"),
+        ("jsonl:", "names no file"),
+        ("jsonl:/no/such/folder/x", "cannot be written"),
+    ],
+)
+def test_a_target_that_is_none_is_refused(target: str, words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        Publishers([target])
+
+
+def test_a_port_in_use_is_refused() -> None:
+    port = free_port(socket.SOCK_STREAM)
+    with Publishers([f"zmq:{port}"]), pytest.raises(UserError, match="in use"):
+        Publishers([f"zmq:{port}"])
+    with Subscriber(f"udp:{port}"), pytest.raises(UserError, match="in use"):
+        Subscriber(f"udp:{port}")
+
+
+@pytest.mark.parametrize("data", [b"{}", b"[1]", b"\xff", b'{"schema":"chromagrip reading 0"}'])
+def test_a_message_of_another_version_is_refused(data: bytes) -> None:
+    with pytest.raises(UserError, match="wanted: 'chromagrip reading 1'"):
+        decoded(data, "udp:1")

@@ -1,0 +1,230 @@
+"""ROS 2 bags, written by another library: their pictures, times and topics, and damaged ones."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from chromagrip import UserError
+from chromagrip.sources import Source, open_source
+
+rosbags = pytest.importorskip("rosbags")
+from mcap.writer import Writer as McapWriter  # noqa: E402
+from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
+from rosbags.typesys import Stores, get_typestore  # noqa: E402
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+TYPES = STORE.types
+RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+#: Pictures that a bag must give back, not square.
+PICTURES = np.random.default_rng(3).integers(0, 256, (4, 6, 9, 3), dtype=np.uint8)
+#: Columns of red, green and blue in the bytes of each encoding; grey is of its own.
+COLUMNS = {"rgb8": "rgb", "bgr8": "bgr", "rgba8": "rgba", "bgra8": "bgra"}
+
+
+def stamped(instant: float) -> Any:
+    seconds = int(instant)
+    stamp = TYPES["builtin_interfaces/msg/Time"](seconds, round(1e9 * (instant - seconds)))
+    return TYPES["std_msgs/msg/Header"](stamp, "finger")
+
+
+def raw(image: np.ndarray, encoding: str, instant: float, pad: int = 0) -> Any:
+    """A message of an encoding, its rows longer by some bytes."""
+    height, width = image.shape[:2]
+    planes = {"r": image[..., 0], "g": image[..., 1], "b": image[..., 2]}
+    planes["a"] = np.full((height, width), 7, np.uint8)
+    columns = [planes["r"]] if encoding == "mono8" else [planes[c] for c in COLUMNS[encoding]]
+    rows = np.stack(columns, axis=-1).reshape(height, -1)
+    rows = np.pad(rows, ((0, 0), (0, pad)), constant_values=99)
+    data, step = rows.reshape(-1), rows.shape[1]
+    return TYPES[RAW](stamped(instant), height, width, encoding, 0, step, data)
+
+
+def compressed(image: np.ndarray, kind: str, instant: float) -> Any:
+    data = cv2.imencode(f".{kind}", image[..., ::-1])[1].reshape(-1)
+    return TYPES[COMPRESSED](stamped(instant), f"rgb8; {kind} compressed bgr8", data)
+
+
+#: Messages of a topic: the time of the log [s] and the message.
+Messages = list[tuple[float, Any]]
+
+
+def bag(folder: Path, storage: StoragePlugin = StoragePlugin.MCAP, **topics: Messages) -> Path:
+    with Writer(folder, version=9, storage_plugin=storage) as writer:
+        for topic, messages in topics.items():
+            kind = messages[0][1].__msgtype__
+            connection = writer.add_connection(f"/finger/{topic}", kind, typestore=STORE)
+            for logged, message in messages:
+                writer.write(connection, int(1e9 * logged), STORE.serialize_cdr(message, kind))
+    return folder
+
+
+def images(encoding: str = "rgb8", **more: Any) -> Messages:
+    return [(1.0 + k, raw(image, encoding, 50.0 + 0.1 * k, **more)) for k, image in
+            enumerate(PICTURES)]  # fmt: skip
+
+
+def read(source: Source) -> tuple[np.ndarray, list[float]]:
+    frames = list(source.frames())
+    return np.array([frame.image for frame in frames]), [frame.time for frame in frames]
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+def test_folder_and_file_are_the_same(storage: StoragePlugin, tmp_path: Path) -> None:
+    folder = bag(tmp_path / "bag", storage, image=images(), info=[(1.0, stamped(0.0))])
+    (file,) = [p for p in folder.iterdir() if p.suffix in (".mcap", ".db3")]
+    alone = tmp_path / file.name
+    alone.write_bytes(file.read_bytes())
+    for path in (folder, alone):
+        source = open_source(str(path))
+        assert (source.count, source.timed, source.live) == (4, True, False)
+        assert source.fps == pytest.approx(1.0)  # of the log
+        assert not source.lossy
+        pictures, times = read(source)
+        np.testing.assert_array_equal(pictures, PICTURES)
+        assert times == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(read(source)[0], PICTURES)  # again from the first one
+
+
+@pytest.mark.parametrize("encoding", [*COLUMNS, "mono8"])
+def test_encodings_with_longer_rows(encoding: str, tmp_path: Path) -> None:
+    pictures, _ = read(open_source(str(bag(tmp_path / "bag", image=images(encoding, pad=5)))))
+    wanted = PICTURES[..., :1].repeat(3, axis=-1) if encoding == "mono8" else PICTURES
+    np.testing.assert_array_equal(pictures, wanted)
+    assert pictures.flags.writeable
+
+
+def test_compressed_pictures(tmp_path: Path) -> None:
+    smooth = np.full((32, 48, 3), (200, 90, 30), np.uint8)
+    for kind, off in (("png", 0.0), ("jpeg", 3.0)):
+        messages: Messages = [(1.0, compressed(smooth, kind, 1.0))]
+        source = open_source(str(bag(tmp_path / kind, image=messages)))
+        assert source.lossy == (kind == "jpeg")
+        assert np.abs(read(source)[0][0].astype(float) - smooth).max() <= off
+
+
+def test_times_are_those_of_the_log_where_no_stamp_is(tmp_path: Path) -> None:
+    messages = [(2.0 + k * k, raw(image, "rgb8", 0.0)) for k, image in enumerate(PICTURES)]
+    folder = bag(tmp_path / "bag", image=messages)
+    assert read(open_source(str(folder)))[1] == pytest.approx([0.0, 1.0, 4.0, 9.0])
+    given = open_source(str(folder), fps=20.0)
+    assert read(given)[1] == pytest.approx([0.0, 0.05, 0.1, 0.15])
+    assert (given.fps, given.timed) == (20.0, False)
+
+
+def test_one_of_several_topics(tmp_path: Path) -> None:
+    folder = bag(tmp_path / "bag", left=images(), right=images("bgr8")[1:])
+    for words in ("(topic=/finger/right)", '(topic = "/finger/right")'):
+        source = open_source(f"{folder}{words}")
+        np.testing.assert_array_equal(read(source)[0], PICTURES[1:])
+        assert source.name == f"{folder}{words}"
+
+
+def broken(tmp_path: Path, change: Callable[[bytes], bytes]) -> Path:
+    (file,) = bag(tmp_path / "whole", image=images()).glob("*.mcap")
+    path = tmp_path / "bag.mcap"
+    path.write_bytes(change(file.read_bytes()))
+    return path
+
+
+def of_foxglove(folder: Path) -> Path:
+    path = folder / "foxglove.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        schema = writer.register_schema("foxglove.CompressedImage", "protobuf", b"")
+        channel = writer.register_channel("/camera", "protobuf", schema)
+        writer.add_message(channel, log_time=1, data=b"\x01", publish_time=1)
+        writer.finish()
+    return path
+
+
+def with_message(change: dict[str, Any]) -> Callable[[Path], str]:
+    def make(folder: Path) -> str:
+        message = raw(PICTURES[0], "rgb8", 1.0)
+        for name, value in change.items():
+            object.__setattr__(message, name, value)
+        return str(bag(folder / "bag", image=[(1.0, message)]))
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (
+            lambda folder: bag(folder / "bag", left=images(), right=images()),
+            r"has pictures in /finger/left, /finger/right; give one .*\(topic=/finger/left\)$",
+        ),
+        (
+            lambda folder: f"{bag(folder / 'bag', left=images())}(topic=/finger/lef)",
+            r"no pictures in topic /finger/lef \(did you mean /finger/left\?\); they are in",
+        ),
+        (
+            lambda folder: f"{bag(folder / 'bag', left=images())}(topik=/finger/left)",
+            r"has no argument topik \(did you mean topic\?\); it has topic",
+        ),
+        (
+            lambda folder: bag(folder / "bag", info=[(1.0, stamped(0.0))]),
+            r"has no pictures \(sensor_msgs/msg/Image or .*\); it has /finger/info \(std_msgs",
+        ),
+        (of_foxglove, r"cannot be read as a ROS 2 bag: ReaderError: Profile is not ros2"),
+        (lambda folder: broken(folder, lambda data: data[:400]), "cannot be read as a ROS 2 bag"),
+        (lambda folder: broken(folder, lambda data: b""), "cannot be read as a ROS 2 bag"),
+        (
+            lambda folder: broken(folder, lambda data: data.replace(b"rgb8", b"rgbX")),
+            "encoding rgbX; wanted: rgb8, bgr8, mono8, rgba8, bgra8",
+        ),
+        (with_message({"encoding": "16UC1"}), "encoding 16UC1; wanted: rgb8"),
+        (with_message({"step": 5}), r"has 162 bytes for 9×6 pixels of rgb8 in rows of 5"),
+        (with_message({"height": 7}), r"has 162 bytes for 9×7 pixels"),
+        (with_message({"width": 10**6, "height": 10**6}), "megapixels; allowed: 64"),
+        (
+            lambda folder: bag(
+                folder / "bag",
+                image=[(1.0, compressed(PICTURES[0].astype(np.uint16), "png", 1.0))],
+            ),
+            "has uint16 values; wanted: 8 bits",
+        ),
+        (
+            lambda folder: bag(
+                folder / "bag",
+                image=[(1.0, TYPES[COMPRESSED](stamped(1.0), "h264", np.zeros(9, np.uint8)))],
+            ),
+            "message 0 of /finger/image in .* is cut off, or not a jpeg or png file",
+        ),
+    ],
+)
+def test_what_is_no_bag_of_pictures_is_one_sentence(
+    make: Callable[[Path], object], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(UserError, match=words) as caught:
+        next(open_source(str(make(tmp_path))).frames())
+    assert "\n" not in str(caught.value)
+
+
+def test_a_bag_that_is_cut_in_the_middle_gives_what_it_has(tmp_path: Path) -> None:
+    """A stranger's message of half the length after two whole ones."""
+    messages = images()
+    object.__setattr__(messages[2][1], "data", messages[2][1].data[:50])
+    source = open_source(str(bag(tmp_path / "bag", image=messages)))
+    seen = []
+    with pytest.raises(UserError, match=r"message 2 of /finger/image in .* has 50 bytes for 9×6"):
+        seen.extend(source.frames())
+    assert len(seen) == 2
+
+
+def test_a_folder_with_another_metadata_file_is_no_bag(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("artist: nobody\n")
+    cv2.imwrite(str(tmp_path / "0.png"), PICTURES[0])
+    assert open_source(str(tmp_path)).count == 1
+
+
+def test_without_the_extra_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = bag(tmp_path / "bag", image=images())
+    monkeypatch.setattr("chromagrip.extras.find_spec", lambda name: None)
+    with pytest.raises(UserError, match=r"reading a bag needs the extra `ros`: pip install"):
+        open_source(str(folder))
