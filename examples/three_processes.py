@@ -48,6 +48,7 @@ def camera(folder: Path, seconds: float, port: int) -> None:
                 while True:
                     (grip,) = struct.unpack("d", grips.recv(8))
             if not math.isnan(grip):  # until then nothing is gripped, and no time passes
+                (folder / "begun").touch()
                 rig.step(grip)
                 field, friction = rig.truth.field, rig.truth.friction
                 log.append((rig.time, field.safety_margin(friction), grip))
@@ -81,6 +82,12 @@ def control(readings: int, grips: int) -> None:
                 line.sendto(struct.pack("d", force), (LOOPBACK, grips))
 
 
+def wait_for(path: Path) -> None:
+    """Wait until a file is there."""
+    while not path.exists():
+        time.sleep(0.1)
+
+
 def free_port() -> int:
     """Find a port that nobody uses."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
@@ -101,10 +108,10 @@ def main(seconds: float) -> None:
             "--reconstructor", "contact", "--publish", f"udp:{readings}",
         ]  # fmt: skip
         player = subprocess.Popen([*role, "camera", name, str(seconds), str(grips)])
-        while not (folder / "rest" / "7.png").exists():
-            time.sleep(0.1)
+        wait_for(folder / "rest" / "7.png")
         controller = subprocess.Popen([*role, "control", str(readings), str(grips)])
         reader = subprocess.Popen(read)
+        wait_for(folder / "begun")
         time.sleep(0.5 * seconds)
         reader.kill()
         reader.wait()

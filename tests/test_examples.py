@@ -1,5 +1,6 @@
 """Examples run as they are, headless, and assert what they show."""
 
+import re
 import runpy
 import subprocess
 import sys
@@ -8,8 +9,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-#: Examples with a test of their own: two that work together, and one that needs ROS 2.
-APART = ("learn_to_grip", "compare_policy", "ros2_node")
+#: Examples with a test of their own: two that work together, one that needs ROS 2, and one of
+#: several processes.
+APART = ("learn_to_grip", "compare_policy", "ros2_node", "three_processes")
 EXAMPLES = sorted(p for p in (ROOT / "examples").glob("*.py") if p.stem not in APART)
 
 
@@ -47,6 +49,15 @@ def test_scenes_of_the_dome(scene: str, tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(sys, "argv", ["dome_contact.py", scene, str(picture)])
     runpy.run_path(str(ROOT / "examples/dome_contact.py"), run_name="__main__")
     assert picture.stat().st_size > 20_000
+
+
+@pytest.mark.slow
+def test_three_processes_hold_the_margin_although_the_reader_is_killed() -> None:
+    path = str(ROOT / "examples/three_processes.py")
+    done = subprocess.run([sys.executable, path, "24"], capture_output=True, text=True, check=True)
+    held = re.search(r"in (\d+)% of the frames", done.stdout)
+    assert held is not None
+    assert int(held[1]) >= 80, done.stdout
 
 
 @pytest.mark.slow
