@@ -93,7 +93,9 @@ def specimen(
     drawn: source of what the fit leaves open
     rng: source of the error of the model of silicone, which presses do not reduce
     """
-    values: dict[str, Any] = asdict(silicone_of(calibration))
+    silicone = silicone_of(calibration)
+    assert silicone is not None
+    values: dict[str, Any] = asdict(silicone)
     names, covariance = silicone_names(calibration.sensor), calibration.silicone_covariance
     for name, off in zip(
         names, drawn.multivariate_normal(np.zeros(len(names)), covariance), strict=True
