@@ -319,7 +319,7 @@ def _force_errors(
 
 
 def save_calibration(
-    calibration: SensorCalibration, sensor: str, report: FitReport, path: Path
+    calibration: SensorCalibration, sensor: str, report: FitReport, path: Path, note: str = ""
 ) -> None:
     """Write a calibration file; a design's file is named relative to it.
 
@@ -327,6 +327,7 @@ def save_calibration(
     ----------
     calibration, sensor, report: see `calibration_table`
     path: path of the file
+    note: comment at its top, one line (default: none)
 
     Raises
     ------
@@ -336,7 +337,8 @@ def save_calibration(
     if sensor.endswith(".toml"):
         sensor = os.path.relpath(sensor, path.parent)
     table = calibration_table(calibration, sensor, report)
-    write_whole(path, tomli_w.dumps(table).encode())
+    comment = f"# {note}\n" if note else ""
+    write_whole(path, (comment + tomli_w.dumps(table)).encode())
 
 
 def _any_press(presses: list[Press], where: Path) -> None:

@@ -1,6 +1,8 @@
-"""The commands `calibrate`, `calibrate sensor` and `train`: lens, mechanics, read-out."""
+"""The commands `calibrate camera`, `sensor`, `walk` and `readout`."""
 
 import json
+import math
+import sys
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,9 +12,11 @@ import tyro
 from ..calibrate.first_use import EPOCHS, HISTORIES, NOISE, as_designed, place_to_keep
 from ..errors import UserError, located
 from ..stored_pictures import MEGAPIXELS
+from .ending import NAME
 from .options import (
     CORES,
     Flag,
+    Fps,
     Json,
     MaxMegapixels,
     Noise,
@@ -20,9 +24,11 @@ from .options import (
     Workers,
     check_file,
     check_least,
+    going_on,
     option,
     print_table,
     status,
+    stop_if_interrupted,
     value_table,
 )
 
@@ -166,6 +172,62 @@ def calibrate_sensor(
     else:
         _print_sensor(result, report, out)
     return 0
+
+
+def calibrate_walk(
+    source: Annotated[
+        str, tyro.conf.Positional, option("camera with the sensor, such as camera:0", "SOURCE")
+    ],
+    *,
+    sensor: Annotated[
+        str, option("design to start from, a dome of silicone such as dome-2022", "NAME|FILE.toml")
+    ],
+    out: Annotated[
+        Path, option("folder of pictures and results; an unfinished one is continued", "DIR")
+    ],
+    lens: Annotated[
+        Path | None, option("file of `calibrate camera`; by default the design's lens", "FILE.yml")
+    ] = None,
+    presses: Annotated[int, option("number of presses for the fit", "N")] = 6,
+    lowest_n: Annotated[float, option("force of the lightest press in N", "N")] = 0.5,
+    highest_n: Annotated[float, option("force of the hardest press in N", "N")] = 5.0,
+    scale_error: Annotated[
+        float, option("standard deviation of the scale, as a share of its reading", "SHARE")
+    ] = 0.02,
+    fps: Fps = None,
+    json_only: Json = False,
+) -> int:
+    """Calibrate a sensor before a camera, led from step to step, and say how well it reads.
+
+    It asks for the unloaded sensor, some presses on a scale with a ball or a flat plate, and a
+    check press. A go writes calibration.toml with the errors to expect, at this camera's rate and
+    noise. Exit code 1 is no go: the check press is read otherwise than the scale explains.
+
+    Example: chromagrip calibrate walk camera:0 --sensor dome-2022 --out mine
+    """
+    check_least(presses=(presses, 2), lowest_n=(lowest_n, 1e-3), scale_error=(scale_error, 0.0))
+    if not 1.5 * lowest_n <= highest_n < math.inf:
+        raise UserError(f"--highest-n {highest_n:g}: expected at least 1.5 times --lowest-n")
+    if source == "pipe:-":
+        raise UserError("pipe:- is where the answers come from; give a camera or another pipe")
+
+    from ..calibrate.walk import SUMMARY, Plan, walk
+
+    def tell(text: str) -> None:
+        print(f"{NAME}: {text}", file=sys.stderr, flush=True)
+        stop_if_interrupted()
+
+    def ask(question: str) -> str:
+        print(f"\n{question}: ", end="", file=sys.stderr, flush=True)
+        return input()
+
+    plan = Plan(presses=presses, forces=(lowest_n, highest_n), scale_error=scale_error)
+    with going_on(out, "rest-0.png"):
+        summary = walk(
+            source, out, sensor=sensor, ask=ask, tell=tell, lens=lens, fps=fps, plan=plan
+        )
+    print(json.dumps(summary) if json_only else f"{summary['sentence']}\n{out / SUMMARY}")
+    return 0 if summary["go"] else 1
 
 
 def _print_sensor(result: "SensorCalibration", report: "FitReport", out: Path | None) -> None:
