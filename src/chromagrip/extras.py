@@ -38,7 +38,7 @@ EXTRAS = {
     "cloud": Extra("fsspec", "a dataset at an address"),
     "learn": Extra("torch", "reading datasets with PyTorch"),
     "live": Extra("viser", "the live page"),
-    "ros": Extra("rosbags", "ROS 2 bags and MCAP logs"),
+    "ros": Extra("rosbags", "reading a ROS 2 bag or writing an MCAP log"),
     "zmq": Extra("zmq", "publishing readings over ZeroMQ"),
     "modbus": Extra("pymodbus", "driving a gripper over Modbus"),
     "viz": Extra("rerun", "writing a run as a Rerun log"),
