@@ -211,7 +211,8 @@ def without_extras(folder: Path, *commands: Sequence[str]) -> list[CompletedProc
 #: Refusals of commands that need an extra.
 REFUSED = {
     ("grasp", "--log", "mcap", "--out", "new"): (
-        "reading a ROS 2 bag or writing an MCAP log needs the extra `ros`: pip install 'chromagrip[ros]'"
+        "reading a ROS 2 bag or writing an MCAP log needs the extra `ros`: pip install "
+        "'chromagrip[ros]'"
     ),
     ("grasp", "--log", "rerun", "--out", "new"): (
         "writing a run as a Rerun log needs the extra `viz`: pip install 'chromagrip[viz]'"
