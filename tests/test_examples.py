@@ -52,12 +52,16 @@ def test_scenes_of_the_dome(scene: str, tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.slow
-def test_three_processes_hold_the_margin_although_the_reader_is_killed() -> None:
+def test_three_processes_hold_the_margin_and_grip_on_while_the_reader_is_dead() -> None:
     path = str(ROOT / "examples/three_processes.py")
-    done = subprocess.run([sys.executable, path, "24"], capture_output=True, text=True, check=True)
-    held = re.search(r"in (\d+)% of the frames", done.stdout)
+    words = [sys.executable, path, "24", "0.5"]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    held = re.search(r"before the kill: .* in (\d+)% of", done.stdout)
+    after = re.search(r"after the kill: .* smallest (\S+),", done.stdout)
     assert held is not None
+    assert after is not None
     assert int(held[1]) >= 80, done.stdout
+    assert float(after[1]) >= 0.2, done.stdout  # it is never dropped
 
 
 @pytest.mark.slow
