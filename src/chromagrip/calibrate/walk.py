@@ -111,12 +111,7 @@ def walk(
     with filling(out), _keeping(out):
         _check_folder(out, lens)
         name = sensor if lens is None else _with_lens(sensor, lens, out)
-        design = load_sensor(name)
-        if body_read(nominal_calibration(design)) != "dome":
-            raise UserError(
-                f"sensor {sensor} is not read as a dome of silicone, as dome-2020 and dome-2022 "
-                "are; for others there is `chromagrip calibrate sensor`"
-            )
+        design = _silicone_design(name, sensor)
         bench = _Bench(source, design, ask, tell)
         bench.begin(out)
         forces = np.geomspace(*plan.forces, plan.presses).tolist()
@@ -125,18 +120,26 @@ def walk(
         calibration, report = calibrate_sensor(out, design, tell=tell)
         summary = _judged(bench, calibration, out / _CHECK, check, plan.scale_error)
         if summary["go"]:
+            limits = presses[0].normal, presses[-1].normal
             summary["expected"] = expected_errors(
-                calibration,
-                rate=bench.rate,
-                noise=bench.noise,
-                forces=(presses[0].normal, presses[-1].normal),
-                tell=tell,
+                calibration, rate=bench.rate, noise=bench.noise, forces=limits, tell=tell,
                 most=plan.grips,
-            )
+            )  # fmt: skip
             summary["sentence"] += _to_expect(summary)
             save_calibration(calibration, name, report, out / CALIBRATION, summary["sentence"])
         write_whole(out / SUMMARY, (json.dumps(summary, indent=2) + "\n").encode())
     return summary
+
+
+def _silicone_design(name: str, sensor: str) -> SensorDesign:
+    """Design of that name or file, which comes from `sensor`; refuse it if it is no such dome."""
+    design = load_sensor(name)
+    if body_read(nominal_calibration(design)) != "dome":
+        raise UserError(
+            f"sensor {sensor} is not read as a dome of silicone, as dome-2020 and dome-2022 are; "
+            "for others there is `chromagrip calibrate sensor`"
+        )
+    return design
 
 
 @contextmanager
