@@ -104,9 +104,7 @@ def walk(
     UserError
         When a step cannot be done. What was taken before is kept.
     """
-    source = open_source(source, fps) if isinstance(source, str) else source
-    if source.count is not None:
-        raise UserError(f"{source.name} was recorded; a walk needs a camera or a pipe")
+    source = _camera(source, fps)
     make_folder(out)
     with filling(out), _keeping(out):
         _check_folder(out, lens)
@@ -129,6 +127,14 @@ def walk(
             save_calibration(calibration, name, report, out / CALIBRATION, summary["sentence"])
         write_whole(out / SUMMARY, (json.dumps(summary, indent=2) + "\n").encode())
     return summary
+
+
+def _camera(source: Source | str, fps: float | None) -> Source:
+    """Open a source, and refuse one that was recorded."""
+    source = open_source(source, fps) if isinstance(source, str) else source
+    if source.count is not None:
+        raise UserError(f"{source.name} was recorded; a walk needs a camera or a pipe")
+    return source
 
 
 def _silicone_design(name: str, sensor: str) -> SensorDesign:
