@@ -3,6 +3,7 @@
 import math
 import time
 from array import array
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -264,7 +265,8 @@ class _Rows:
         self._truth, self._publishers = truth, publishers
         self._late, self._skipped = array("d"), 0
         self._read, self._opened, self._out, self._flat = read, opened, out, flat
-        self._rows: list[Row] = []
+        most = None if out is not None else 20_000  # without a folder, a run may last for days
+        self._rows = deque[Row](maxlen=most)
         self._clock = SpeedCount()
 
     def open_files(self, files: ExitStack) -> Add:
@@ -300,7 +302,7 @@ class _Rows:
     def summary(self, method: Method, course: Course) -> EstimateSummary:
         """Write the figure; the summary."""
         if self._out is not None and self._rows:
-            draw_figure(self._rows, self._flat, self._out / "figure.png", self._truth)
+            draw_figure(list(self._rows), self._flat, self._out / "figure.png", self._truth)
         setup, estimates = self._opened.setup, self._estimates()
         return {**method, **setup, **course, **estimates, "versions": versions()}
 
