@@ -157,3 +157,29 @@ def test_a_port_in_use_is_refused() -> None:
 def test_a_message_of_another_version_is_refused(data: bytes) -> None:
     with pytest.raises(UserError, match="wanted: 'chromagrip reading 1'"):
         decoded(data, "udp:1")
+
+
+def test_every_message_has_the_same_keys() -> None:
+    columns = ("normal_n", "margin")
+    known = message_of(
+        force_row(seen(0.0, 0.3), CAMERA_RULE),
+        seen(0.0, 0.3),
+        late_s=0.0,
+        skipped=0,
+        columns=columns,
+    )
+    unknown = message_of(
+        {"no_estimate": "too dark"}, None, late_s=0.0, skipped=0, columns=known, doubt="assumed"
+    )
+    assert set(known) <= set(unknown)
+    assert unknown["margin"] is None
+    assert unknown["doubt"] == "assumed"
+
+
+def test_an_earlier_recording_is_not_replaced(tmp_path: Path) -> None:
+    pytest.importorskip("mcap", reason="needs the extra ros")
+    path = tmp_path / "r.mcap"
+    path.write_bytes(b"mine")
+    with pytest.raises(UserError, match="exists already"):
+        Publishers([f"mcap:{path}"])
+    assert path.read_bytes() == b"mine"

@@ -358,6 +358,8 @@ def estimate(
         print(json.dumps(outcome.summary))
     elif "jsonl:-" not in publish:  # whose lines are the output
         _print_estimates(outcome.summary, out)
+    elif doubt := outcome.summary["reconstructor_doubt"]:
+        print(f"chromagrip: {doubt}", file=sys.stderr)
     if out is not None:
         tell_lacking(files_lacking())
     if outcome.broken is not None:
@@ -374,10 +376,17 @@ class _Origin(NamedTuple):
 
 
 def _origin_of(source: str) -> _Origin | None:
-    """Scene and truth of a sequence of a dataset or of a folder of `render`; None of others."""
+    """Scene and truth of a sequence of a dataset, a folder of `render`, a run's raw pictures.
+
+    None for others.
+    """
     folder = Path(source)
-    kinds = {"files.json": _of_sequence, "poses.json": _of_poses}
-    kind = next((kinds[name] for name in kinds if (folder / name).is_file()), None)
+    kinds = {
+        folder / "files.json": (_of_sequence, folder),
+        folder / "poses.json": (_of_poses, folder),
+        folder / "frames.csv": (_of_run, folder.parent),
+    }
+    kind, folder = next((kinds[path] for path in kinds if path.is_file()), (None, folder))
     if kind is None or not (folder / "scene.toml").is_file():
         return None
     try:
@@ -399,6 +408,12 @@ def _of_poses(folder: Path) -> _Origin:
     from ..scene import load_scene
 
     return _Origin(load_scene(str(folder / "scene.toml")), true_values(folder), False)
+
+
+def _of_run(folder: Path) -> _Origin:
+    from ..scene import load_scene
+
+    return _Origin(load_scene(str(folder / "scene.toml")), {}, True)
 
 
 def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
@@ -477,6 +492,8 @@ def _meaning(method: str) -> str:
 def _seen_in(folder: Path | None, *names: str) -> str:
     """Line that names a folder, and those of its pictures that are there."""
     there = [name for name in names if folder is not None and (folder / name).is_file()]
+    if folder is None:
+        return "nothing is written without --out"
     return f"folder {folder}, see {' and '.join(there)}" if there else f"folder {folder}"
 
 

@@ -194,8 +194,9 @@ def estimate_source(
         "camera_pose": pose.table(),
         "friction_window_s": window,
     }
+    doubt = method["reconstructor_doubt"]
     with Publishers(publish) as publishers, opened_folder(out, overwrite, FILES):
-        rows = _Rows(read, opened, out, gains is not None, truth or {}, publishers)
+        rows = _Rows(read, opened, out, gains is not None, truth or {}, publishers, doubt)
         summarise = partial(rows.summary, method)
         return follow(opened, rows.open_files, summarise, frames, out, progress, bool(publish))
 
@@ -251,6 +252,7 @@ class _Rows:
     flat: whether the rows are displacements of a flat pad
     truth: true value of each frame by column
     publishers: where each reading is sent
+    doubt: what was assumed of the pictures, in words
     """
 
     def __init__(
@@ -261,8 +263,11 @@ class _Rows:
         flat: bool,
         truth: Truth,
         publishers: Publishers,
+        doubt: str | None,
     ) -> None:
-        self._truth, self._publishers = truth, publishers
+        self._truth, self._publishers, self._doubt = truth, publishers, doubt
+        columns = DISPLACEMENTS if flat else FORCES
+        self._columns = [name for name, (kind, _) in columns.items() if kind != "list"]
         self._late, self._skipped = array("d"), 0
         self._read, self._opened, self._out, self._flat = read, opened, out, flat
         most = None if out is not None else 20_000  # without a folder, a run may last for days
@@ -285,7 +290,10 @@ class _Rows:
             row |= {"frame": index, "time_s": frame.time}
             late = time.monotonic() - came.at
             if self._publishers:
-                message = message_of(row, observation, late_s=late, skipped=came.skipped)
+                message = message_of(
+                    row, observation, late_s=late, skipped=came.skipped, columns=self._columns,
+                    doubt=self._doubt,
+                )  # fmt: skip
                 self._publishers.send(message, frame)
                 late = time.monotonic() - came.at
             self._late.append(late)

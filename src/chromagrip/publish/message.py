@@ -5,7 +5,7 @@
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import msgspec
@@ -19,10 +19,18 @@ from ..output.parquet import Row
 #: Name and version of the messages.
 SCHEMA = "chromagrip reading 1"
 Message = dict[str, Any]
+#: Keys that every message has besides, null where they are unknown.
+_ALWAYS = ("wrench_covariance", "mu_observed", "torsion_nmm", "torsion_borne_nmm")
 
 
 def message_of(
-    row: Row, observation: GripObservation | None, *, late_s: float, skipped: int
+    row: Row,
+    observation: GripObservation | None,
+    *,
+    late_s: float,
+    skipped: int,
+    columns: Iterable[str] = (),
+    doubt: str | None = None,
 ) -> Message:
     """Message of a reading.
 
@@ -32,8 +40,12 @@ def message_of(
     observation: observation of the row; None for displacements of a flat pad
     late_s: time since the frame came [s]
     skipped: number of frames that were left out so far, because newer ones had come
+    columns: columns that every message has, null where they are unknown
+    doubt: what was assumed of the pictures, in words
     """
-    about = {"schema": SCHEMA, "published_s": time.time(), "late_s": late_s, "skipped": skipped}
+    about: Message = dict.fromkeys((*columns, *_ALWAYS))
+    about |= {"schema": SCHEMA, "published_s": time.time(), "late_s": late_s, "skipped": skipped}
+    about["doubt"] = doubt
     values = {name: value for name, value in row.items() if not isinstance(value, np.ndarray)}
     if observation is None or observation.no_estimate:
         return {**about, **values}

@@ -208,7 +208,10 @@ class Mcap:
     }
 
     def __init__(self, target: str) -> None:
-        self._file = McapFile(Path(target.removeprefix("mcap:")))
+        path = Path(target.removeprefix("mcap:"))
+        if path.exists():
+            raise UserError(f"{path} exists already; give target {target!r} another name")
+        self._file = McapFile(path)
 
     def send(self, message: Message, frame: Frame) -> None:
         """Append the messages of a frame."""
@@ -223,8 +226,9 @@ class Mcap:
             torque = np.array([0.0, 0.0, 1e-3 * message["torque_nmm"]])
             self._file.wrench(time, "/wrench", force, torque)
         reason = message["no_estimate"]
-        level = WARNING if reason else OK
-        self._file.diagnostics(time, [Status("estimate", level, reason or "estimated", {})])
+        level = WARNING if reason or message["doubt"] else OK
+        words = reason or message["doubt"] or "estimated"
+        self._file.diagnostics(time, [Status("estimate", level, words, {})])
 
     def close(self) -> None:
         """Give the file its name."""
