@@ -4,7 +4,7 @@ import numpy as np
 
 from chromagrip.model import ContactObject, Fingertip, contact_forces, rest_state, step
 from chromagrip.render import Frame, MembraneMap, add_noise, load_sensor, open_renderer
-from chromagrip.tracking import GaussianProcess, MarkerTracker, Palette, SensorCalibration
+from chromagrip.tracking import MarkerTracker, Palette, load_calibration, load_reconstructor
 
 GRIP, LOAD = 2.0, 0.5  # N
 
@@ -20,7 +20,7 @@ def main() -> None:
 
     tracker = MarkerTracker(Palette.of_sensor(sensor), noise=2.0)
     rest = tracker.reset([picture(np.zeros((tip.nodes, 2)), 1000 + k) for k in range(16)])
-    reconstructor = GaussianProcess(SensorCalibration(sensor=sensor, fingertip=tip), rest)
+    reconstructor = load_reconstructor("sequential")(load_calibration("thesis"), rest)
 
     state = rest_state(tip)
     for k in range(50):

@@ -22,6 +22,8 @@ from threadpoolctl import threadpool_limits
 
 from chromagrip.cli import options
 from chromagrip.cli.app import main
+from chromagrip.model import ForceField
+from chromagrip.tracking import NoEstimateError, SensorCalibration, Tracks
 
 #: Benchmarks lie at the root. Last, so that its `control` hides no other.
 sys.path.append(str(Path(__file__).parents[1]))
@@ -171,3 +173,20 @@ def open_browser(width: int, height: int = 900) -> Iterator[Browser]:
 def browsing() -> Callable[[int], AbstractContextManager[Browser]]:
     """Opens a browser of a width [px]."""
     return open_browser
+
+
+class NoForces:
+    """Reconstructor that needs no read-out and never has an estimate."""
+
+    def __init__(self, calibration: SensorCalibration, rest: Tracks) -> None: ...
+
+    def reset(self) -> None: ...
+
+    def update(self, tracks: Tracks) -> ForceField:
+        raise NoEstimateError("no forces are estimated")
+
+
+@pytest.fixture
+def no_forces() -> str:
+    """`module:Class` of a reconstructor that needs no read-out."""
+    return f"{__name__}:NoForces"

@@ -44,10 +44,6 @@ from .forces import (
     shipped_readout,
 )
 from .forces.chain import (
-    MIN_MARKERS,
-    ForcePrior,
-    GaussianProcess,
-    GaussianProcessSettings,
     LearnedSettings,
 )
 from .learned_palette import PaletteSettings, learn_palette
@@ -66,7 +62,6 @@ __all__ = [
     "DEFAULT_TRACKER",
     "FRICTION",
     "METHODS",
-    "MIN_MARKERS",
     "RECONSTRUCTORS",
     "THESIS_RULE",
     "TRACKERS",
@@ -74,12 +69,9 @@ __all__ = [
     "ContactSettings",
     "DisplacementGains",
     "FitSettings",
-    "ForcePrior",
     "FrictionEstimate",
     "FrictionRule",
     "FrictionSettings",
-    "GaussianProcess",
-    "GaussianProcessSettings",
     "LearnedSettings",
     "MarkerTracker",
     "Markers",

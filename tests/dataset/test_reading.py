@@ -198,8 +198,11 @@ def test_the_card_counts_what_is_covered(made: Path) -> None:
 @pytest.mark.parametrize(
     ("reading", "said"),
     [
-        ("gp", 'reconstructor gp does not read body = "dome"; allowed are auto, contact, traction'),
-        ("magic", "no reading 'magic'; there is auto, gp"),
+        (
+            "sequential",
+            'does not read body = "dome"; allowed are auto, contact, traction',
+        ),
+        ("magic", "no reading 'magic'; there is auto, sequential"),
     ],
 )
 def test_readings_that_there_are_not_are_refused(reading: str, said: str, tmp_path: Path) -> None:

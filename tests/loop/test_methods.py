@@ -217,7 +217,7 @@ def test_auto_is_the_reconstructor_of_the_body_and_not_of_the_sensor(body: str, 
     scene = load_scene("camera-100hz", changes)
     assert Methods.of_scene(scene).reconstructor == name
     with pytest.raises(UserError, match=f'does not read body = "{body}"'):
-        choose(scene, reconstructor="contact" if body == "chain" else "gp")
+        choose(scene, reconstructor="contact" if body == "chain" else "sequential")
 
 
 class Slow(MarkerTracker):

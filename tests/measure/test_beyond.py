@@ -342,7 +342,7 @@ def test_frames_that_the_tracker_refuses_are_flagged_and_have_a_truth(
     (scene,) = beyond_scenes("black", 0)
     assert "grey" in scene.refused
     assert 0.05 <= scene.margin <= 0.85
-    for read, by_name in answers("gp", "gp", scene).items():
+    for read, by_name in answers("sequential", "sequential", scene).items():
         for found in by_name.values():
             assert found.flagged.all(), read
             assert np.isnan(found.interval).all()

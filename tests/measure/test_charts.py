@@ -223,15 +223,15 @@ def test_a_chart_has_errors_beside_the_constant_and_the_limit() -> None:
     said = Answers(value=value, interval=np.stack([value] * 2, axis=-1), flagged=true[:, 0] < 0.0)
     found = Measured(
         true=true,
-        answers={read: {"gp": said} for read in force_scores.READ},
+        answers={read: {"sequential": said} for read in force_scores.READ},
         limit={"single": 0.01 * true, "0.1s": np.full(true.shape, 0.005)},
     )
     task = GraspTask(world="matched", kind=LIBRARY, index=0, reconstructors={}, limited=True)
-    times = Speed({}, 3), [("gp", [1.0, 2.0, 4.0])]
-    chart = chart_force._chart([(task, found), times], {"gp": "gp"}, 1)
+    times = Speed({}, 3), [("sequential", [1.0, 2.0, 4.0])]
+    chart = chart_force._chart([(task, found), times], {"sequential": "sequential"}, 1)
     rows = {row.name: row.value for row in chart.rows()}
-    assert rows["force/gp/time"] == 2.0
-    assert rows["force/gp/single/margin_rms"] == pytest.approx(0.02)
+    assert rows["force/sequential/time"] == 2.0
+    assert rows["force/sequential/single/margin_rms"] == pytest.approx(0.02)
     assert rows["force/constant/0.1s/margin_rms"] == pytest.approx(true[:, 3].std())
     assert rows["force/limit/single/normal_rms"] == pytest.approx(1.0)
     assert rows["force/limit/0.1s/margin_rms"] == pytest.approx(0.005)
@@ -299,7 +299,7 @@ def test_a_chart_of_domes_has_all_that_read_them(
     ]
     once = {task.design: (task, result) for task, result in results}
     chart = force_dome._chart(by_set(list(once.values())), 1)
-    names = [*chosen] or ["sequential", "gp", "contact", "traction"]
+    names = [*chosen] or ["sequential", "contact", "traction"]
     assert [point.name for point in chart.points] == names
     for point in chart.points:
         assert point.times == [20.0, 40.0]

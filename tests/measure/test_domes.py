@@ -394,7 +394,7 @@ def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
         ("dome-2022", "mismatched"): _result(0.07, ("contact",)),
         ("dome-2022", "mismatched-nominal"): _result(0.07, ("contact",)),
         (NEXT, "mismatched"): _result(0.01, ("traction",)),
-        ("thesis", "chain"): _result(0.5, ("gp", "contact")),
+        ("thesis", "chain"): _result(0.5, ("sequential", "contact")),
         ("thesis", "soft"): _result(0.01, ("traction", "contact")),
     }
     report = report_of(sets)
@@ -407,12 +407,12 @@ def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
     assert rows["dome/dome-2022/mismatched-nominal/normal_share"].target is None
     assert rows["dome/chromatouch-next/mismatched/traction/normal_share"].met is True
     assert rows["dome/dome-2020/mismatched/normal_share"].note == "a constant answer passes"
-    assert rows["dome/thesis/chain/gp/normal_share"].value == pytest.approx(50.0)
+    assert rows["dome/thesis/chain/sequential/normal_share"].value == pytest.approx(50.0)
     assert rows["dome/thesis/soft/traction/normal_share"].met is True
     assert rows["dome/thesis/soft/traction/rate"].met is False
     assert rows["dome/thesis/soft/contact/normal_share"].target is None
     assert rows["dome/dome-2020/mismatched/frames"].value == 6
-    assert [line[0] for line in report.tables[-1].lines] == ["constant", "gp", "contact"]
+    assert [line[0] for line in report.tables[-1].lines] == ["constant", "sequential", "contact"]
 
 
 def test_groups_of_the_world_are_chosen() -> None:

@@ -57,7 +57,7 @@ def dome_cells() -> list[dome.DomeCell]:
 def force_cells() -> list[force.ForceCell]:
     """Every outcome."""
     return [
-        force.ForceCell("thesis", "gp", "noise", str(k), outcome, 3.0, 0.0, 0, 4, "")
+        force.ForceCell("thesis", "sequential", "noise", str(k), outcome, 3.0, 0.0, 0, 4, "")
         for k, outcome in enumerate(force.OUTCOMES)
     ]
 

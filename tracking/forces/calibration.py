@@ -39,8 +39,8 @@ class Values(Table, frozen=True, kw_only=True):
 class FitReport(Table, frozen=True, kw_only=True):
     """Presses to which the parameters were fitted, and the remaining errors.
 
-    `normal_error_share` and `friction_error_n` are RMS errors of the presses' forces, as the
-    estimator reads them, or on a silicone dome as fitted; `error_px` is that of marker positions.
+    `normal_error_share` and `friction_error_n` are RMS errors of the presses' forces, as fitted;
+    `error_px` is that of marker positions.
     `covariance` belongs to the parameters in `deviations`, in their order. `undetermined` names
     those that stay as designed, with the standard deviation of the prior.
     """
@@ -333,8 +333,7 @@ def check_trainable(calibration: SensorCalibration) -> None:
         if law != "split":
             raise UserError(
                 f"read-outs are trained with the spring law split, the fingertip has {law}: "
-                "choose fingertip.model = 'split', or a reconstructor that needs no read-out, such "
-                "as gp"
+                "choose fingertip.model = 'split'"
             )
 
 
@@ -351,9 +350,7 @@ def required_readout(calibration: SensorCalibration) -> Path:
     check_trainable(calibration)
     raise UserError(
         f"{f'sensor {calibration.name}'.rstrip()} has no trained read-out: train one with "
-        f"`chromagrip calibrate readout {calibration.name or 'SENSOR'}`, which takes minutes, or "
-        "choose a reconstructor that needs none, such as gp, which reads forces but no reliable "
-        "margins"
+        f"`chromagrip calibrate readout {calibration.name or 'SENSOR'}`, which takes minutes"
     )
 
 

@@ -39,10 +39,6 @@ class Reconstructor(Protocol):
 
 #: Reconstructors that differ in method, by name; `auto` chooses among them.
 METHODS = {
-    "gp": (
-        ".chain.gaussian_process:GaussianProcess",
-        "Gaussian-process prior on nodal forces in a zone",
-    ),
     "sequential": (
         ".chain.learned:Learned",
         "read-out trained on random grips, over codes averaged while the skin holds still",

@@ -19,7 +19,7 @@ from ..output.processes import one_thread
 from ..render import SensorDesign
 from ..scene.scene import Body
 from ..stored_pictures import MEGAPIXELS
-from ..tracking import DEFAULT_TRACKER, GaussianProcess, NoEstimateError, SensorCalibration
+from ..tracking import DEFAULT_TRACKER, SensorCalibration
 from ..tracking.forces import (
     CameraPose,
     FitReport,
@@ -222,7 +222,7 @@ def _fit_forces(
     x, slope = solve(missed, unknowns, weights, x, robust=False)
     covariance = np.asarray(np.linalg.inv(slope.T @ slope), dtype=float)
     deviations = unknowns.deviations(x, covariance)
-    calibration, _ = unknowns.calibration(x)
+    calibration, plate = unknowns.calibration(x)
     sizes = [2, 5]  # columns of the log sizes
     # Error of the node model itself where the finger is another one, as a share of forces.
     model_error = 0.02
@@ -239,14 +239,13 @@ def _fit_forces(
     )
     error = missed(x)
     _check_fit(error[kept & moving], data.shifts[kept & moving], calibration, deviations)
-    tell("reading the forces of the presses")
-    normal, friction = _force_errors(calibration, pressed)
+    normal, lateral = _forces_left(calibration, plate, pressed, data, residual)
     return calibration, FitReport(
         presses=tuple(press.name for press in pressed.presses),
         noise_levels=pressed.noise,
         error_px=_places_rms(error[kept]),
         normal_error_share=normal,
-        friction_error_n=friction,
+        friction_error_n=lateral,
         deviations=deviations,
     )
 
@@ -299,23 +298,54 @@ def _places_rms(values: Array) -> float:
     return float(np.sqrt((values[:, _PLACES] ** 2).mean())) if len(values) else 0.0
 
 
-def _force_errors(
-    calibration: SensorCalibration, pressed: Pressed
-) -> tuple[float | None, float | None]:
-    """RMS errors of the presses' estimated forces: normal (relative) and friction [N]."""
-    reader = GaussianProcess(calibration, pressed.rest)
-    normal, friction = [], []
-    for press, tracks in zip(pressed.presses, pressed.tracks, strict=True):
-        reader.reset()
-        try:
-            field = reader.update(tracks)
-        except NoEstimateError:
-            continue
-        normal.append(field.total_normal / press.normal - 1.0)
-        friction.append(field.total_friction - abs(press.lateral))
-    if not normal:
-        return None, None
-    return float(np.sqrt(np.mean(np.square(normal)))), float(np.sqrt(np.mean(np.square(friction))))
+def _forces_left(
+    calibration: SensorCalibration,
+    friction: float,
+    pressed: Pressed,
+    data: _Data,
+    residual: Array,
+) -> tuple[float, float]:
+    """RMS by which the forces that fit each press best differ from those in the list.
+
+    Parameters
+    ----------
+    calibration, friction: calibrated sensor, and the friction coefficient on the plate
+    pressed, data: presses and their shifts
+    residual: variances of the model's own errors, shape (6,)
+
+    Returns
+    -------
+    normal: error of the normal forces as a share of them
+    lateral: error of the lateral forces [N]
+    """
+    # Change of either force in a difference, as a share of the normal force: smaller ones show how
+    # springs snap from node to node.
+    step = 0.05
+    most = 0.97 * friction  # largest ratio of the forces, so that the plate holds
+    whiten = np.linalg.inv(np.linalg.cholesky(data.own + data.shared + np.diag(residual)))
+    listed = np.array([(press.normal, press.lateral) for press in pressed.presses])
+
+    def shifts(forces: Array) -> Array:
+        pairs = zip(pressed.presses, forces.tolist(), strict=True)
+        presses = [replace(press, normal=n, lateral=x) for press, (n, x) in pairs]
+        return predict(calibration, friction, pressed.rest, presses, data.pose)
+
+    forces = listed
+    for _ in range(3):  # rounds of Gauss and Newton
+        normal, lateral = forces.T
+        changes = step * normal[:, None] * np.array([1.0, -1.0])
+        changes[:, 1] *= np.where(lateral > 0.0, 1.0, -1.0)  # away from slip
+        now = shifts(forces)
+        changed = [shifts(forces + changes * unit) for unit in np.eye(2)]
+        columns = np.stack([*(one - now for one in changed), data.shifts - now], axis=-1)
+        white = (whiten @ columns).reshape(len(columns), -1, 3)
+        found = np.array([np.linalg.lstsq(one[:, :2], one[:, 2])[0] for one in white])
+        forces = forces + changes * found
+        held = most * forces[:, 0]
+        forces[:, 1] = np.clip(forces[:, 1], -held, held)
+    missed = forces - listed
+    rms = np.sqrt(np.mean(np.square([missed[:, 0] / listed[:, 0], missed[:, 1]]), axis=1))
+    return float(rms[0]), float(rms[1])
 
 
 def save_calibration(

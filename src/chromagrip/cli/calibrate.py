@@ -252,8 +252,7 @@ def _print_sensor(result: "SensorCalibration", report: "FitReport", out: Path | 
         table.add_row(name, "not measured" if value is None else f"{value:.4g}")
     table.add_row("markers miss by", f"{report.error_px:.3f} px RMS")
     if report.normal_error_share is not None:
-        said = "forces left by the fit" if silicone else "forces read off the presses"
-        table.add_row(said, f"{report.normal_error_share:.1%} RMS normal")
+        table.add_row("forces left by the fit", f"{report.normal_error_share:.1%} RMS normal")
         if report.friction_error_n is not None:
             table.add_row("", f"{report.friction_error_n:.3f} N RMS friction")
     table.add_row("file", str(out))

@@ -1,13 +1,10 @@
 """Force reconstruction on the chain: from marker shifts to nodal forces, f = K(u)·u.
 
-Two ways through an unknown contact: a prior on smooth forces (`gaussian_process`), and a regression
-trained on the model's histories (`learned`).
+The contact is unknown: forces come from a regression trained on the model's histories (`learned`).
 """
 
 from .codes import odd_statistic
-from .contact_reading import ForcePrior
 from .fields import at_places, circle_places, fields_on_circles
-from .gaussian_process import MIN_MARKERS, GaussianProcess
 from .learned import Learned
 from .noise_level import believed
 from .readout import (
@@ -23,17 +20,13 @@ from .readout import (
 )
 from .residual import Smooth, smooth_functions
 from .sensitivity import MarkerResponse
-from .settings import GaussianProcessSettings, LearnedSettings
+from .settings import LearnedSettings
 from .specimen import SIZES, with_focus, with_focus_variances
 from .used import Used, UsedReadOut, histories_of, readout_digest, readout_origin, used
 
 __all__ = [
     "BEND",
-    "MIN_MARKERS",
     "SIZES",
-    "ForcePrior",
-    "GaussianProcess",
-    "GaussianProcessSettings",
     "Layers",
     "Learned",
     "LearnedSettings",

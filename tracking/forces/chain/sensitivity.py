@@ -83,19 +83,6 @@ class MarkerResponse:
             derivatives += [self._view.jacobian(centre) @ moved[:, :, 1:], d_log[:, None]]
         return np.concatenate(predictions, axis=1), np.concatenate(derivatives, axis=1)
 
-    def perspective(self, displacement: Array) -> Array:
-        """Second-order part of the discs' images, which `__call__` leaves out, shape (M, 6).
-
-        Perspective moves the middle of a tilted disc's image off its projected centre. It hardly
-        changes with the load, so that its derivative is neglected.
-        """
-        parts = []
-        for (image,), (centre,), (axes,) in self._images(displacement[None]):
-            flat = self._view.jacobian(centre) @ axes
-            log_size = 0.5 * np.log(np.linalg.det(image[:, 1:3]) / np.linalg.det(flat))
-            parts += [centroids(image, False) - self._view.project(centre), log_size[:, None]]
-        return np.concatenate(parts, axis=1)
-
     def measured(self, displacement: Array) -> Array:
         """Absolute measurements (x, y, log size) with second order [px, px, 1], shape (…, M, 6).
 
@@ -104,15 +91,15 @@ class MarkerResponse:
         displacement: displacements of the nodes relative to the rigid part [m], shape (…, N, 2)
         """
         parts = []
-        for image, _, _ in self._images(displacement.reshape(-1, *displacement.shape[-2:])):
+        for image in self._outlines(displacement.reshape(-1, *displacement.shape[-2:])):
             # Under a sharp object a disc may turn its back; its outline still has an area.
             log_size = 0.5 * np.log(areas(image, False))
             parts += [centroids(image, False), log_size[..., None]]
         values = np.concatenate(parts, axis=-1)
         return values.reshape(*displacement.shape[:-2], *values.shape[1:])
 
-    def _images(self, displacement: Array) -> Iterator[tuple[Array, Array, Array]]:
-        """Yield outlines (S, M, 6, 2), centres (S, M, 3) and axes (S, M, 3, 2) by layer."""
+    def _outlines(self, displacement: Array) -> Iterator[Array]:
+        """Yield the discs' outlines in the picture, by layer, shape (S, M, 6, 2)."""
         stacked = np.moveaxis(displacement, 0, -1)
         for half, (carry, rest, tangents, metric, follow) in zip(
             self._half_sizes, self._layers, strict=True
@@ -120,8 +107,7 @@ class MarkerResponse:
             centre = rest + follow * np.moveaxis(carry.displacement(stacked), -1, 0)
             slope = np.moveaxis(np.stack(carry.gradient(stacked), axis=-1), -2, 0)
             axes = half * outline_axes(np.stack(tangents, axis=-1) + follow / metric * slope, 0.0)
-            discs = Membrane(centres=centre, axes=axes)
-            yield outlines(discs, self._view), centre, axes
+            yield outlines(Membrane(centres=centre, axes=axes), self._view)
 
     def _face(self, centre: Array) -> Array:
         """Cross product J₁ × J₂ of the rows of the lens' Jacobian [px²/m²], shape (M, 3)."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -52,17 +51,17 @@ AXES = (
     Axis(key="margin_error", label="Γ, RMS error", unit=""),
     Axis(key="displacement", label="largest slip [mm]", unit="mm"),
 )
-#: Trackers that are combined with reconstructors, the default first. They measure the sizes of
-#: markers, without which no reconstructor reads a normal force.
+#: Trackers, the default first. They measure the sizes of markers, without which no reconstructor
+#: reads a normal force.
 _TRACKERS = ("fit", "quick")
-_RECONSTRUCTORS = ("sequential", "gp")
+_RECONSTRUCTOR = "sequential"
 
 
 def settings(quick: bool) -> dict[str, dict[str, object]]:
     """Changes of the scene, by the name of a setting."""
     changes: dict[str, dict[str, object]] = {
-        f"{tracker}, {reconstructor}": {"tracker": tracker, "reconstructor": reconstructor}
-        for tracker, reconstructor in product(_TRACKERS, _RECONSTRUCTORS)
+        f"{tracker}, {_RECONSTRUCTOR}": {"tracker": tracker, "reconstructor": _RECONSTRUCTOR}
+        for tracker in _TRACKERS
     }
     changes[_TRUTH] = {"path": "truth"}
     # The coarse steps that `plan` chooses from, too.
@@ -95,8 +94,8 @@ class Turn(NamedTuple):
 def loop_chart(asked: Asked) -> Study[Turn, dict[str, float]]:
     """Time per frame of the closed loop against the error of Γ and the slip.
 
-    Trackers and reconstructors are those on the fronts of theirs, with Margin Inversion. Chosen
-    controllers are run with the default methods.
+    Trackers are those on the front of theirs, with Margin Inversion. Chosen controllers are run
+    with the default methods.
     """
     own = controllers_of(asked, SCENE, ())
     chosen = settings(asked.quick)

@@ -5,8 +5,8 @@ The bounds are computed in three steps:
 1. (x, y, log size) of both layers of each marker pair against rest: the Cramér–Rao bound from the
    pixels, with light, dyes and all other markers known. The effect of tilt on an outline beyond its
    size is left out, because no tracker here reads it.
-2. *Any forces*: ΣFn and ΣFf of nodal forces in the true contact zone with the smooth prior of the
-   Gaussian-process estimate. Stiffness, zone and normals are known.
+2. *Any forces*: ΣFn and ΣFf of nodal forces in the true contact zone with a smooth prior.
+   Stiffness, zone and normals are known.
 3. *Of an object*: ΣFn, ΣFf, µ and Γ of a contact of the node model with unknown µ, curvature,
    stiffness, grip, load and history. The history is one of four paths to the same grip and load
    (`histories`), plus a field of nodal forces as large as random histories leave.
@@ -62,12 +62,12 @@ LEFT_FRICTION = 0.2
 LEFT_NORMAL = 0.03
 #: Correlation length of both [m].
 _LEFT_LENGTH = 0.2e-3
-#: Correlation length of any forces, as in the Gaussian-process estimate [m].
+#: Correlation length of any forces [m].
 _LENGTH = 0.8e-3
-#: Smallest prior deviation of a nodal force at 251 nodes, as in that estimate; otherwise it is the
-#: largest nodal force [N].
+#: Smallest prior deviation of a nodal force at 251 nodes; otherwise it is the largest nodal force
+#: [N].
 _AMPLITUDE = 5e-3
-#: Slope below which the jump of the stiffness is smoothed, as in that estimate.
+#: Slope below which the jump of the stiffness is smoothed.
 _BLUNT = 0.05
 #: Steps of each stage of a path.
 _PARTS = 40

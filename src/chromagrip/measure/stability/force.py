@@ -27,7 +27,7 @@ from ..study import Asked, Study, study
 from ..worlds.dome.grips import MARGINS, UNLIKE, Grip, unlike_shape
 from ..worlds.dome.readings import Reading, read
 from ..worlds.dome.scenes import SEED, Watched, watch
-from ..worlds.dome.sets import BEST, COMPARED
+from ..worlds.dome.sets import BEST, CHAIN, COMPARED
 from ..worlds.dome.specimens import Specimen, matched
 from ..worlds.force_scores import QUANTITIES
 from .fields import draw_cells, patches, remark, title_of
@@ -280,7 +280,7 @@ def report(results: Sequence[ForceCell]) -> Report:
         f"{one.method} on {one.design} is wrong, narrow and unflagged at {one.dial} {one.value}: "
         f"ΣFn {one.normal_percent:.0f} % off, Γ {one.margin_error:.2f}"
         for one in wrong
-        if one.method not in COMPARED[:2]
+        if one.method != CHAIN
     ]
     notes = [f"{one.design}, {one.dial} {one.value}: {one.note}" for one in results if one.note]
     return Report(rows=tuple(rows), notes=(*told, *dict.fromkeys(notes)))

@@ -37,9 +37,10 @@ COUNTS = {
     SOFT: 16,
 }
 QUICK = {"matched": 2, ELEMENTS: 1}
-#: The estimator of domes, of domes of two soft layers, and those that read the sets of all worlds.
-BEST, FREE = "contact", "traction"
-COMPARED = ("sequential", "gp", BEST, FREE)
+#: Estimators of the chain, of domes, and of domes of two soft layers.
+CHAIN, BEST, FREE = "sequential", "contact", "traction"
+#: Those that read the sets of all worlds.
+COMPARED = (CHAIN, BEST, FREE)
 
 
 @dataclass(frozen=True, kw_only=True)
