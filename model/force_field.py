@@ -72,8 +72,6 @@ class ForceField:
         one, shape (N,); for a dome a vector, shape (N, 3)
     contact: nodes in contact, shape (N,)
     totals_covariance: covariance of (ΣFn, ΣFf) of an estimate [N²], shape (2, 2); zero for truth
-    spread: factor S of the covariance S·Sᵀ of an estimate's nodal forces, normal then friction
-        [N], shape (2N, R); None if it is unknown
     friction_reading: estimate of µ from the image, if there is one
     plane: plane of the forces, if it was estimated; None: the sensor's x–z plane
     directions: directions of a dome's normal forces, away from the object, shape (N, 3); None for a
@@ -87,7 +85,6 @@ class ForceField:
     friction: Array
     contact: NDArray[np.bool_]
     totals_covariance: Array
-    spread: Array | None = None
     friction_reading: FrictionReading | None = None
     plane: LoadPlane | None = None
     directions: Array | None = None

@@ -25,14 +25,12 @@ class FrictionSettings:
     core_quantile: quantile of the core's ratios that is taken as µ; noise biases the largest one
         upwards, which is unsafe
     slipping_spread: lower over upper quartile of the core's ratios, above which most of it slips
-    ratio_error: error of a ratio in addition to that of the field's covariance
     majority: share of the averaged fields that must allow µ to fall
     """
 
     core_share: float = 0.3
     core_quantile: float = 0.75
     slipping_spread: float = 0.8
-    ratio_error: float = 0.06
     majority: float = 0.5
 
 
@@ -80,22 +78,11 @@ def _read_largest(field: ForceField) -> FrictionReading:
     return FrictionReading(value=value, deviation=math.nan, observable=observable)
 
 
-def _read_core(
-    field: ForceField, settings: FrictionSettings = FrictionSettings()
-) -> FrictionReading:
-    """Estimate µ by the upper quartile of the core's ratios; error of the upper half's mean."""
-    value, core, deviation = core_quantile(field, settings), _core(field, settings), math.nan
-    if field.spread is not None and len(core):
-        ratio = field.friction[core] / field.normal[core]
-        rows = field.spread.reshape(2, len(field.normal), -1)[:, core]
-        change = (np.sign(ratio) / field.normal[core])[:, None] * (
-            rows[1] - ratio[:, None] * rows[0]
-        )
-        upper = np.abs(ratio) >= np.median(np.abs(ratio))
-        stated = np.linalg.norm(change[upper].mean(axis=0))
-        deviation = float(np.hypot(stated, settings.ratio_error))
+def _read_core(field: ForceField) -> FrictionReading:
+    """Estimate µ by the upper quartile of the core's ratios, of unknown error."""
+    value = core_quantile(field)
     observable = field.safety_margin(value) < OBSERVABLE_MARGIN
-    return FrictionReading(value=value, deviation=deviation, observable=observable)
+    return FrictionReading(value=value, deviation=math.nan, observable=observable)
 
 
 #: Functions that estimate µ from one field, by name.

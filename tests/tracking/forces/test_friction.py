@@ -1,6 +1,3 @@
-import math
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -115,29 +112,15 @@ def contact(mu: float, rng: np.random.Generator, noise: float) -> ForceField:
     ratio = mu * np.where(x < -0.05, 1.0, np.minimum(-0.2 + 2.2 * (x + 0.05), 1.0))
     smooth = np.exp(-0.5 * ((x[:, None] - x) / 0.2) ** 2)
     factor = noise * np.linalg.cholesky(smooth + 1e-6 * np.eye(len(normal)))
-    spread = np.kron(np.eye(2), factor)
-    normal, friction = (
-        np.concatenate([normal, normal * ratio]) + spread @ rng.standard_normal(len(spread))
-    ).reshape(2, -1)
+    drawn = factor @ rng.standard_normal((len(factor), 2))
+    normal, friction = np.array([normal, normal * ratio]) + drawn.T
     return ForceField(
         position=np.linspace([-1.5e-3, 8e-3], [1.5e-3, 8e-3], len(normal)),
         normal=np.maximum(normal, 0.0),
         friction=friction,
         contact=normal > 0.005,
         totals_covariance=np.zeros((2, 2)),
-        spread=spread,
     )
-
-
-def test_a_ratio_has_an_error_of_its_own_where_the_covariance_states_none() -> None:
-    exact = replace(field(np.full(9, 0.5)), spread=np.zeros((18, 1)))
-    assert FRICTION["core-quantile"](exact).deviation == pytest.approx(0.06)
-    # Both errors add up as independent ones.
-    spread = np.zeros((18, 1))
-    spread[9:, 0] = 0.08 * exact.normal  # of the friction on all nodes alike
-    noisy = replace(exact, spread=spread)
-    assert FRICTION["core-quantile"](noisy).deviation == pytest.approx(0.1)
-    assert math.isnan(FRICTION["core-quantile"](field(np.full(9, 0.5))).deviation)
 
 
 def test_the_core_and_its_quantile_are_settings() -> None:
@@ -147,19 +130,6 @@ def test_the_core_and_its_quantile_are_settings() -> None:
     assert core_quantile(some, FrictionSettings(core_share=0.5)) == pytest.approx(0.35)
     median = FrictionSettings(core_share=0.5, core_quantile=0.5)
     assert core_quantile(some, median) == pytest.approx(0.3)
-
-
-def test_stated_noise_widens_the_interval() -> None:
-    deviations = [
-        np.mean(
-            [
-                FRICTION["core-quantile"](contact(0.5, np.random.default_rng(k), noise)).deviation
-                for k in range(20)
-            ]
-        )
-        for noise in (1e-3, 4e-3, 8e-3)
-    ]
-    assert deviations[0] < deviations[1] < deviations[2]
 
 
 @pytest.mark.parametrize("name", FRICTION)
