@@ -71,9 +71,9 @@ def test_the_rest_picture_may_be_listed_and_is_no_frame(shots: Path) -> None:
         ({"line4": "2,0.54"}, r"line 4 names no file; wanted: a line for each picture"),
         (
             {"line4": ""},
-            r"frames.csv has no line for 1 of 5 pictures, such as shot-3.png; give --f",
+            r"frames.csv has no line for 1 of 5 pictures, such as shot-3.png; mend the",
         ),
-        ({"line7": "5,1.0,shot-9.png"}, r"names shot-9.png, which is not in its folder; give --fp"),
+        ({"line7": "5,1.0,shot-9.png"}, r"names shot-9.png, which is not in its folder; mend the"),
         ({"line7": "5,1.0,../shot-1.png"}, r"names ../shot-1.png, which is not in its folder"),
         ({"line7": "5,1.0,shot-1.png"}, r"frames.csv names shot-1.png, twice"),
     ],

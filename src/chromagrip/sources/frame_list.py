@@ -9,7 +9,7 @@ from ..errors import UserError
 
 #: Name of the list in a folder of pictures.
 FRAME_LIST = "frames.csv"
-_WITHOUT = "; give --fps to read the pictures without the list"
+_MEND = "; mend the list or remove it"
 
 
 def read_list(path: Path) -> list[tuple[float, str]]:
@@ -65,13 +65,13 @@ def times_of(path: Path, files: Collection[Path], there: Collection[Path]) -> di
     for time, name in read_list(path):
         if name not in names or name in listed:
             why = "twice" if name in listed else "which is not in its folder"
-            raise UserError(f"{path} names {name}, {why}{_WITHOUT}")
+            raise UserError(f"{path} names {name}, {why}{_MEND}")
         listed[name] = time
     lacking = [name for name in wanted if name not in listed]
     if lacking:
         raise UserError(
             f"{path} has no line for {len(lacking)} of {len(files)} pictures, such as "
-            f"{lacking[0]}{_WITHOUT}"
+            f"{lacking[0]}{_MEND}"
         )
     return {wanted[name]: time for name, time in listed.items() if name in wanted}
 
