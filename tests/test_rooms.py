@@ -16,6 +16,7 @@ import chromagrip
 ROOT = Path(__file__).parents[1]
 PACKAGE = Path(chromagrip.__path__[0])
 GROUND = (
+    "arguments",
     "by_name",
     "compiled",
     "errors",
@@ -28,7 +29,6 @@ GROUND = (
     "stored_pictures",
     "strict_toml",
     "thesis",
-    "user_cache",
 )
 #: Rooms from the lowest to the highest, each with the rooms that it may import. The modules of the
 #: ground floor may be imported everywhere and import nothing of ours but each other.

@@ -64,6 +64,7 @@ def check_frame(frame: Frame, shape: tuple[int, ...]) -> None:
 TRACKERS = Registry(
     protocol=Tracker,
     package=__package__,
+    given=2,
     entries={
         "fit": (".fit.tracker:MarkerTracker", "least-squares fit of the shape of both layers"),
         "quick": (

@@ -30,6 +30,7 @@ class Renderer(Protocol):
 RENDERERS = Registry(
     protocol=Renderer,
     package=__package__,
+    given=1,
     entries={
         "painter": (".painter:Painter", "analytic anti-aliased ellipses, the fast default"),
         "pyrender": (

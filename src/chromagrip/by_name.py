@@ -4,9 +4,7 @@ Each kind of method (tracker, reconstructor, controller, renderer, integrator, g
 one `Registry`.
 """
 
-import inspect
 import os
-import re
 import sys
 import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -19,8 +17,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+from .arguments import arguments_in, check_arguments, check_complete
 from .errors import UserError, meant
-from .strict_toml import parse_toml
 
 #: A method as users choose it: a name, `module:Class`, or a class or other factory from Python.
 Choice = str | Callable[..., Any]
@@ -40,12 +38,14 @@ class Registry:
     package: package of the relative modules in `entries`
     entries: `.module:Class` and one line of description, by name
     named: name of the kind, if it is not that of the protocol
+    given: number of arguments that a factory gets before those of its choice
     """
 
     protocol: type
     package: str
     entries: Mapping[str, tuple[str, str]]
     named: str = ""
+    given: int = 0
 
     @property
     def kind(self) -> str:
@@ -90,7 +90,8 @@ class Registry:
         Raises
         ------
         UserError
-            When the name is unknown, it cannot be imported, or it lacks a method of the protocol.
+            When the name is unknown, it cannot be imported, or it lacks a method of the protocol;
+            for an argument that it does not take, or that is missing.
         """
         if isinstance(choice, str):
             choice, given = with_arguments(choice)
@@ -98,9 +99,13 @@ class Registry:
         factory = self._import(choice) if isinstance(choice, str) else choice
         if isinstance(factory, type):
             self._check_methods(factory, name_of(choice))
+        what = f"{self.kind} {name_of(choice)!r}"
         if arguments:
-            _check_arguments(f"{self.kind} {name_of(choice)!r}", factory, arguments)
-        return partial(factory, **arguments) if arguments else factory
+            check_arguments(what, factory, arguments, self.given)
+            factory = partial(factory, **arguments)
+        if self.given:
+            check_complete(what, factory, self.given)
+        return factory
 
     def build(self, choice: Choice | object, arguments: Mapping[str, Any] | None = None) -> Any:
         """Build a method by name, class or other factory; an object is returned as it is.
@@ -120,7 +125,9 @@ class Registry:
         if made or not (isinstance(choice, str) or callable(choice)):
             self._check_methods(choice, name)
             return choice
-        return make(self.kind, name, self.load(choice, arguments))
+        factory = self.load(choice, arguments)
+        check_complete(f"{self.kind} {name!r}", factory)
+        return make(self.kind, name, factory)
 
     def _import(self, name: str) -> Any:
         if name in self.entries:
@@ -193,25 +200,6 @@ def with_arguments(name: str) -> tuple[str, dict[str, Any]]:
     if ":" not in method or not rest.endswith(")"):
         raise UserError(f"{name}: expected module:Class(name=value), such as mine:Tracker(gain=2)")
     return method, arguments_in(rest[:-1], name)
-
-
-def arguments_in(text: str, name: str) -> dict[str, Any]:
-    """Arguments of a text `gain=2, port=/dev/ttyUSB0`: TOML, or words without quotes.
-
-    Parameters
-    ----------
-    text: text between the brackets
-    name: whole text for messages
-
-    Raises
-    ------
-    UserError
-        For any other text.
-    """
-    # After a key at the begin or after a comma, and no word of TOML.
-    word = r"((?:^|,)\s*[\w-]+\s*=\s*)(?!(?:true|false|inf|nan)\b)([^\W\d][^\s,]*|[/~][^\s,]*)"
-    quoted = re.sub(word + r"(?=\s*(?:,|$))", r'\1"\2"', text)
-    return dict(parse_toml(f"values = {{{quoted}}}", name)["values"])
 
 
 def name_of(choice: Choice | object) -> str:
@@ -326,21 +314,6 @@ def _find_in_working_folder() -> None:
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.append(folder)
-
-
-def _check_arguments(what: str, factory: Any, arguments: Iterable[str]) -> None:
-    """Refuse an argument that a factory does not take, where its signature is known."""
-    try:
-        parameters = inspect.signature(factory).parameters.values()
-    except (TypeError, ValueError):
-        return
-    if any(one.kind == one.VAR_KEYWORD for one in parameters):
-        return
-    taken = [one.name for one in parameters if one.kind != one.POSITIONAL_ONLY]
-    for name in arguments:
-        if name not in taken:
-            there = f"it has {', '.join(taken)}" if taken else "it has none"
-            raise UserError(f"{what} has no argument {name}{meant(name, taken)}; {there}")
 
 
 def make(kind: str, name: str, factory: Callable[[], Any]) -> Any:

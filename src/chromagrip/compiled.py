@@ -24,9 +24,8 @@ from numba.core import event as events
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
-from .folders import lock_file
+from .folders import lock_file, user_cache
 from .kernel_key import UnreadableError, kernel_key, signature_key
-from .user_cache import user_cache
 
 #: Cache folder of each folder with kernels; None if no folder can be written.
 _homes: dict[Path, Path | None] = {}

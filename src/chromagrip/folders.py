@@ -27,6 +27,15 @@ _made: list[Path] = []
 _SCRATCH = ".scratch-"
 
 
+def user_cache() -> Path:
+    """Folder in which what took long to compute is kept for the user.
+
+    It is relative where the user has no home and none was chosen.
+    """
+    user = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
+    return Path(os.path.expanduser(user)) / "chromagrip"
+
+
 @contextmanager
 def prepared(folder: Path | None, overwrite: bool | None) -> Iterator[None]:
     """Make a folder for output, and lock it until it is filled.

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from .folders import lock_file
-from .user_cache import user_cache
+from .folders import lock_file, user_cache
 
 #: Arrays of a kept file, by name.
 Arrays = dict[str, NDArray[np.generic]]

@@ -286,7 +286,7 @@ def test_anybodys_controller_grips() -> None:
     ("name", "words"),
     [
         ("anybodys:Nobody", "controller 'anybodys:Nobody': module anybodys has no Nobody"),
-        ("anybodys:Demanding", "cannot be made without arguments: TypeError: .*gain"),
+        ("anybodys:Demanding", r"Demanding' needs gain \(a number\); it has gain"),
         ("json:JSONDecoder", r"has no reset; see chromagrip\.control\.Controller"),
     ],
 )

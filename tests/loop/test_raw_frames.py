@@ -52,9 +52,11 @@ def test_pictures_lose_nothing(kind: Literal["png", "ffv1"], tmp_path: Path) -> 
     read = list(source.frames())
     for frame, image in zip(read, expected.values(), strict=True):
         np.testing.assert_array_equal(frame.image, image)
+    times, exact = [frame.time for frame in read], [index * scene.period for index in expected]
     if kind == "ffv1":  # Matroska counts milliseconds
-        times = [frame.time for frame in read]
-        assert times == pytest.approx([index * scene.period for index in expected], abs=1e-3)
+        assert times == pytest.approx(exact, abs=1e-3)
+    else:
+        assert times == exact
     rest = read_picture(folder / "rest.png")
     assert np.abs(rest.astype(float) - expected[0]).mean() < 5.0  # two draws of the noise
     assert (rest != expected[0]).any()

@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 
 from ...errors import UserError
+from ...folders import user_cache
 from ...model import REFERENCE_NODES, Fingertip
 from ...render import SensorDesign
-from ...user_cache import user_cache
 
 #: Version of the training: raise it when its ranges, its method or the content of a read-out's file
 #: change, so that read-outs of an earlier training are not used.

@@ -64,6 +64,7 @@ DOME_METHODS = ("contact", "traction")
 RECONSTRUCTORS = Registry(
     protocol=Reconstructor,
     package=__package__,
+    given=2,
     entries={
         DEFAULT_RECONSTRUCTOR: (
             ".reconstructors:automatic",

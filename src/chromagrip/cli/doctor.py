@@ -17,8 +17,8 @@ from pathlib import Path
 
 from .. import links
 from ..extras import EXTRAS, install_command
+from ..folders import user_cache
 from ..output import opencv
-from ..user_cache import user_cache
 
 OK = "ok"
 MISSING = "missing"

@@ -368,7 +368,7 @@ def estimate(
 
 
 class _Origin(NamedTuple):
-    """What is known of our own pictures: the scene, true values, and whether they are in time."""
+    """What is known of our own pictures: the scene, true values, and whether its rate is theirs."""
 
     scene: "Scene"
     truth: "Truth"
@@ -413,7 +413,8 @@ def _of_poses(folder: Path) -> _Origin:
 def _of_run(folder: Path) -> _Origin:
     from ..scene import load_scene
 
-    return _Origin(load_scene(str(folder / "scene.toml")), {}, True)
+    # Its pictures have their own times.
+    return _Origin(load_scene(str(folder / "scene.toml")), {}, False)
 
 
 def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:

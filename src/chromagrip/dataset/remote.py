@@ -17,9 +17,8 @@ from typing import Any
 
 from ..errors import UserError
 from ..extras import install_command, need
-from ..folders import filling, part_of, prepared, whole_folder
+from ..folders import filling, part_of, prepared, user_cache, whole_folder
 from ..strange_files import refuse_links
-from ..user_cache import user_cache
 from .folder import (
     FILES,
     MANIFEST,

@@ -260,10 +260,13 @@ def _margin_error(trace: Trace, befores: Sequence[str]) -> float:
 def counted_kinds(reasons: Iterable[str]) -> dict[str, int]:
     """Count sentences that differ only by numbers, under the first of each, most frequent first."""
     firsts: dict[str, str] = {}
-    kinds = Counter(
-        firsts.setdefault(re.sub(r"\d[\d.]*", "…", reason), reason) for reason in reasons
-    )
+    kinds = Counter(firsts.setdefault(kind_of(reason), reason) for reason in reasons)
     return dict(kinds.most_common())
+
+
+def kind_of(reason: str) -> str:
+    """Sentence without its numbers."""
+    return re.sub(r"\d[\d.]*", "…", reason)
 
 
 def _reactions(scene: Scene, trace: Trace) -> list[dict[str, float]]:

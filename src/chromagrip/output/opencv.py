@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
-from ..user_cache import user_cache
+from ..folders import user_cache
 
 #: Distribution that chromagrip depends on; the others install into its folder.
 OURS = "opencv-contrib-python-headless"

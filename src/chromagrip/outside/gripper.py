@@ -57,7 +57,7 @@ def force_within(limits: tuple[float, float], force: float, floor: bool, who: st
         For a force that it cannot hold.
     """
     least, most = limits
-    if floor is True and 0.0 < force < least:  # not a text, such as no
+    if floor and 0.0 < force < least:
         return least
     if force == 0.0 or least <= force <= most:
         return force

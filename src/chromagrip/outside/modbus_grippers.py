@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import partial
 from socket import create_connection
 from time import monotonic, sleep
-from typing import Any
+from typing import Any, Literal
 
 from ..errors import UserError
 from ..extras import need
@@ -151,7 +151,7 @@ class Robotiq:
 
     def __init__(
         self,
-        model: str,
+        model: Literal["2f-85", "2f-140", "hand-e"],
         port: str = "",
         host: str = "",
         unit: int | None = None,
@@ -236,7 +236,9 @@ class OnRobot:
     floor: see `Robotiq`
     """
 
-    def __init__(self, model: str, host: str, unit: int = 65, floor: bool = False) -> None:
+    def __init__(
+        self, model: Literal["rg2", "rg6"], host: str, unit: int = 65, floor: bool = False
+    ) -> None:
         self._limits, self._floor = _limits(model, ONROBOT_N), floor
         self._line = _tcp(model, host, unit)
         self._sent: list[int] | None = None

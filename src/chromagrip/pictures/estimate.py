@@ -2,8 +2,6 @@
 
 import math
 import time
-from array import array
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -17,7 +15,6 @@ from ..by_name import Choice
 from ..compiled import working_time
 from ..errors import UserError, located, meant
 from ..extras import lacking, table_suffix
-from ..loop.trace import counted_kinds
 from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable, Row
 from ..output.versions import versions
 from ..publish import Publishers, check_targets, message_of
@@ -25,7 +22,7 @@ from ..render import Frame
 from ..sensing.observers import ForceObserver
 from ..sensing.reader import DEFAULT_WINDOW
 from ..sources import FrameSource
-from ..sources.delivery import Lateness, lateness
+from ..sources.delivery import Lateness
 from ..stored_pictures import MEGAPIXELS
 from ..tracking import (
     CAMERA_RULE,
@@ -43,6 +40,7 @@ from ..tracking.forces import PoseTable, body_read, rest_pose
 from ..tracking.forces.chain import UsedReadOut, used
 from .figure import Truth, draw_figure
 from .following import Add, Came, Course, Outcome, Progress, SpeedCount, follow, opened_folder
+from .kept_rows import KeptRows
 from .opening import Opened, Setup, open_tracking
 from .overlay import OVERLAY, open_overlay
 from .readings import Read, displacement_reading, force_reading
@@ -244,6 +242,8 @@ def _friction_rule(name: str | None) -> FrictionRule:
 class _Rows:
     """Rows of the frames as they pass, with their table, overlay and figure.
 
+    Its memory does not grow with the number of frames: a live source may run for days.
+
     Parameters
     ----------
     read: gives a frame's row
@@ -268,10 +268,9 @@ class _Rows:
         self._truth, self._publishers, self._doubt = truth, publishers, doubt
         columns = DISPLACEMENTS if flat else FORCES
         self._columns = [name for name, (kind, _) in columns.items() if kind != "list"]
-        self._late, self._skipped = array("d"), 0
+        self._skipped = 0
         self._read, self._opened, self._out, self._flat = read, opened, out, flat
-        most = None if out is not None else 20_000  # without a folder, a run may last for days
-        self._rows = deque[Row](maxlen=most)
+        self._kept = KeptRows(1.0 / opened.source.fps)
         self._clock = SpeedCount()
 
     def open_files(self, files: ExitStack) -> Add:
@@ -296,10 +295,8 @@ class _Rows:
                 )  # fmt: skip
                 self._publishers.send(message, frame)
                 late = time.monotonic() - came.at
-            self._late.append(late)
             self._skipped = came.skipped
-            # Arrays would make the memory grow with the source.
-            self._rows.append({k: v for k, v in row.items() if not isinstance(v, np.ndarray)})
+            self._kept.add(row, late)
             if table is not None:
                 table.add(row)
             if video is not None:
@@ -309,15 +306,15 @@ class _Rows:
 
     def summary(self, method: Method, course: Course) -> EstimateSummary:
         """Write the figure; the summary."""
-        if self._out is not None and self._rows:
-            draw_figure(list(self._rows), self._flat, self._out / "figure.png", self._truth)
+        if self._out is not None and (rows := self._kept.rows):
+            draw_figure(rows, self._flat, self._out / "figure.png", self._truth)
         setup, estimates = self._opened.setup, self._estimates()
         return {**method, **setup, **course, **estimates, "versions": versions()}
 
     def _estimates(self) -> Estimates:
         """Last and median value of each column, and the frames without an estimate."""
-        reasons = [str(row["no_estimate"]) for row in self._rows if row["no_estimate"]]
-        estimated = [row for row in self._rows if not row["no_estimate"]]
+        kept = self._kept
+        estimated = [row for row in kept.rows if not row["no_estimate"]]
         columns: dict[str, Typical] = {}
         for name in VALUES:
             values = [v for row in estimated if (v := _number(row, name)) is not None]
@@ -328,15 +325,15 @@ class _Rows:
                     "median": float(np.median(values)),
                 }
         return {
-            "without_estimate": len(reasons),
-            "without_estimate_because": counted_kinds(reasons),
+            "without_estimate": kept.without,
+            "without_estimate_because": kept.because,
             "last_estimate": int(str(estimated[-1]["frame"])) if estimated else None,
             "estimates": columns,
             "truth": dict(_compared(estimated, self._truth)),
-            "mu_observable_frames": sum(bool(row.get("mu_observable")) for row in estimated),
+            "mu_observable_frames": kept.observable,
             "ms_per_estimate": self._clock.milliseconds,
             "published": bool(self._publishers),
-            "late": lateness(self._late, 1.0 / self._opened.source.fps),
+            "late": kept.late,
             "skipped": self._skipped,
         }
 

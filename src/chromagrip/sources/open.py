@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..by_name import Choice, arguments_in, blaming, name_of
+from ..arguments import arguments_in
+from ..by_name import Choice, blaming, name_of
 from ..errors import UserError
 from ..render import Frame
 from ..stored_pictures import MEGAPIXELS

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import UserError
 from ..render import Frame
 from ..stored_pictures import MEGAPIXELS, Image, decoded
+from .frame_list import FRAME_LIST, times_of
 from .source import SUFFIXES, Source, rated
 
 _LOSSY = (".jpg", ".jpeg")
@@ -32,17 +33,19 @@ def picture_source(
 ) -> Source:
     """Source of a picture, of those in a folder, or of those that match a pattern.
 
+    A folder may have a list `frames.csv` with the time of each picture.
+
     Parameters
     ----------
     name: that the user gave
-    fps: rate (default 30) [Hz]
+    fps: rate (default 30), instead of the times of a list [Hz]
     without: picture that is no frame
     max_megapixels: largest picture that is decoded
 
     Raises
     ------
     UserError
-        When there are no pictures.
+        When there are no pictures, or their list cannot be used.
     """
     path, place = Path(name), f"folder {name}"
     if path.is_dir():
@@ -61,11 +64,17 @@ def picture_source(
     if not files:
         raise UserError(f"{place} has no pictures but {without}")
     files.sort(key=_natural)
-    rate, rate_from = rated(fps)
+    listed: dict[Path, float] = {}
+    if fps is None and path.is_dir() and (path / FRAME_LIST).is_file():
+        listed = times_of(path / FRAME_LIST, files, there)
+    times = list(listed.values())
+    own = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
+    rate, rate_from = rated(fps, own, f"the times in {FRAME_LIST}")
+    timed = listed or {path: k / rate for k, path in enumerate(files)}
 
     def frames() -> Iterator[Frame]:
-        for k, path in enumerate(files):
-            yield Frame(image=read_picture(path, max_megapixels), time=k / rate)
+        for path, time in timed.items():
+            yield Frame(image=read_picture(path, max_megapixels), time=time)
 
     return Source(
         name=name,
@@ -73,8 +82,9 @@ def picture_source(
         count=len(files),
         fps=rate,
         fps_from=rate_from,
+        timed=bool(listed),
         lossy=any(path.suffix.lower() in _LOSSY for path in files),
-        files=tuple(files),
+        files=tuple(timed),
     )
 
 

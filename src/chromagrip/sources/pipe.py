@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..by_name import arguments_in
+from ..arguments import arguments_in
 from ..errors import UserError
 from ..render import Frame
 from ..stored_pictures import check_pixels

@@ -52,13 +52,15 @@ class Memory:
     last: solution of the last key frame; None without a contact
     now: contact in the last frame
     covariance: covariance of ln ΣFn, ΣFf, ln µ and the wrench in the last key frame, shape (7, 7)
-    refused: shifts of the last frame if no contact explained it
+    searches: interval from one search of a contact to the next, while none is found
+    refused: shifts of the last frame that was searched, if no contact explained it
     odd: whether the last fitted object has no supported shape; it is still tracked, as it may get
         one again
     """
 
     rivals: Rivals
     refits: Backoff
+    searches: Backoff
     doubtful: float
     last: Solution | None = None
     now: Followed | None = None
@@ -111,6 +113,7 @@ class ContactReading:
         self._memory = Memory(
             rivals=Rivals.from_first(settings.starts),
             refits=Backoff.from_first(1, settings.refit_every, settings.refit_patience),
+            searches=Backoff.from_first(1, settings.search_every, settings.search_patience),
             doubtful=settings.doubtful,
         )
 
@@ -127,13 +130,9 @@ class ContactReading:
         if nothing < self._settings.untouched:
             self.reset()
             return untouched_field(self.dome, self._hidden(shifts) ** 2)
-        again = self._is_refused(shifts)
-        if again or not (self._followed(shifts) or self._found(shifts)):
-            refused = self._memory.refused if again else shifts
-            self.reset()
-            self._memory = replace(self._memory, refused=refused)
+        if not self._explained(shifts):
             raise NoEstimateError(_UNLIKE)
-        self._memory = memory = replace(self._memory, refused=None)
+        memory = self._memory
         if memory.odd:
             raise NoEstimateError(_UNLIKE)
         assert memory.last is not None
@@ -150,13 +149,58 @@ class ContactReading:
         seen = float(np.linalg.norm(shifts.apply(light.image[shifts.used])))
         return light.force * math.sqrt(self._settings.explained) / max(seen, 1e-9) / Z90
 
-    def _is_refused(self, shifts: Shifts) -> bool:
-        """Whether markers have not moved since a frame that no contact explained."""
+    def _explained(self, shifts: Shifts) -> bool:
+        """Explain a frame by a contact; False if none does, or if it is too early to search again.
+
+        A search, and a refit of an object that has no supported shape, takes longer than a frame
+        lasts. While the contact stays refused, both become rarer.
+        """
         refused = self._memory.refused
-        if refused is None or (shifts.used != refused.used).any():
+        if refused is not None:
+            self._memory = replace(self._memory, searches=self._memory.searches.next_chance())
+            if self._waits(shifts, refused):
+                return self._kept(shifts)
+        last = self._memory.last
+        found = self._followed(shifts) or self._found(shifts)
+        searches = self._memory.searches
+        if not found:
+            self.reset()
+        if not found or self._memory.last is not last:
+            good = found and not self._memory.odd
+            refused, searches = None if good else shifts, searches.tried(better=good)
+            self._memory = replace(self._memory, refused=refused, searches=searches)
+        return found
+
+    def _kept(self, shifts: Shifts) -> bool:
+        """Follow a refused contact without a key frame; False if there is none to follow."""
+        memory = self._memory
+        if memory.last is None or memory.now is None:
             return False
-        moved = shifts.apply(shifts.values - refused.values)
-        return float(moved @ moved) < self._settings.same * shifts.count
+        try:
+            now, _ = self._fit.follow(memory.last.object_, memory.now, shifts)
+        except UserError:
+            return False
+        self._memory = replace(memory, now=now)
+        return True
+
+    def _waits(self, shifts: Shifts, refused: Shifts) -> bool:
+        """Whether markers have not moved since the last search, or moved little and not for long.
+
+        Parameters
+        ----------
+        refused: shifts in the last search, which no contact explained
+        """
+        settings = self._settings
+        before = np.zeros((len(refused.used), refused.values.shape[1]))
+        before[refused.used] = refused.values
+        both = refused.used[shifts.used, None]
+        moved = shifts.apply((shifts.values - before[shifts.used]) * both)
+        way = float(moved @ moved)
+        same = way < settings.same * shifts.count and (shifts.used == refused.used).all()
+        if same and self._memory.last is None:
+            return True
+        size = float(shifts.seen @ shifts.seen)
+        return way < settings.changed * size and not self._memory.searches.due
 
     def _is_noise(self, solution: Solution, shifts: Shifts, nothing: float) -> bool:
         """Whether noise explains the first frame of a contact almost as well.

@@ -164,6 +164,10 @@ class ContactSettings:
     hollow, edge: smallest and largest curvature of a smooth, convex object, times the radius
     shaped_misfit: misfit above which an object beyond them is rejected
     same: mean squared change of the shifts below which a refused frame counts as unchanged
+    changed: share of the squared shifts; a refused contact whose shifts change by more is searched
+        again at once
+    search_every: number of frames after which a refused contact is searched again at the latest
+    search_patience: unsuccessful searches after which the interval between them doubles
     rounds: largest number of rounds of a fit from rest
     refit_rounds: largest number of rounds of a fit that starts near its solution
     rival_rounds: largest number of rounds of a rival; a better one continues in its next turn
@@ -193,6 +197,9 @@ class ContactSettings:
     edge: float = 4.5
     shaped_misfit: float = 0.8
     same: float = 0.5
+    changed: float = 0.25
+    search_every: int = 64
+    search_patience: int = 2
     rounds: int = 25
     refit_rounds: int = 8
     rival_rounds: int = 4

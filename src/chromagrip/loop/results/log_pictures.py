@@ -1,7 +1,5 @@
 """Pictures of a run folder for its log: raw ones if they were kept, and those of the video."""
 
-import csv
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +12,7 @@ from ...errors import UserError
 from ...output.logs.entries import Array, Pictures
 from ...output.png import encode_png
 from ...sources import open_source
+from ...sources.frame_list import read_list
 from ...sources.picture_files import PNG_BEGIN, PNG_END
 from .run_folder import LARGEST_FILE, RunRead, check_size
 from .tactile_video import FPS, SLOWDOWN
@@ -53,7 +52,8 @@ def raw_pictures(run: RunRead, folder: str, topic: str) -> list[Pictures]:
         return []
 
     def read() -> Iterator[tuple[float, bytes]]:
-        rows = _listed(listed)
+        check_size(listed, LARGEST_FILE)
+        rows = read_list(listed)
         if video.is_file():
             count = 0
             for (time, _), frame in zip(rows, open_source(str(video)).frames(), strict=False):
@@ -74,21 +74,6 @@ def raw_pictures(run: RunRead, folder: str, topic: str) -> list[Pictures]:
 
     meaning = "picture of the camera, without loss"
     return [Pictures(topic=topic, meaning=meaning, encoding="png", read=read)]
-
-
-def _listed(path: Path) -> list[tuple[float, str]]:
-    """Read instant and file of each picture in a list."""
-    check_size(path, LARGEST_FILE)
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = [(float(row["time_s"]), row["file"]) for row in csv.DictReader(file)]
-    except OSError as error:
-        raise UserError(f"{path} cannot be read: {error.strerror}") from None
-    except (KeyError, TypeError, ValueError, csv.Error):
-        rows = [(math.nan, "")]
-    if not all(math.isfinite(time) and name for time, name in rows):
-        raise UserError(f"{path} must have a line frame,time_s,file for each picture")
-    return rows
 
 
 def video_pictures(video: Path, part: Part, times: Array) -> Pictures:

@@ -279,6 +279,70 @@ def test_the_object_is_refitted_as_often_as_the_settings_say() -> None:
     assert 1 < refits < telling / 2
 
 
+def test_a_refused_contact_is_searched_again_less_and_less_often(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At once only where its markers have moved far, and for the next contact."""
+    linear = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)[12].linear
+    drawn = Drawn(DESIGN, DOME)
+    rest = drawn(np.zeros_like(linear))
+    settings = ContactSettings(search_every=8, search_patience=2, same=0.0)
+    reading, searched = ContactReading(sensor_as_designed(SENSOR), rest, settings), []
+
+    def found(shifts: object) -> bool:
+        searched.append(frame)
+        return False
+
+    monkeypatch.setattr(reading, "_found", found)
+    for frame in range(30):
+        with pytest.raises(NoEstimateError, match="no contact of a smooth, convex object"):
+            reading.update(drawn((0.75 + 0.25 * (0.41 * frame % 1.0)) * linear))
+    assert searched == [0, 1, 3, 5, 9, 13, 21, 29]
+    searched.clear()
+    frame = 30
+    for share in (0.9, 1.0, 0.3, 0.31, 0.3):
+        frame += 1
+        with pytest.raises(NoEstimateError):
+            reading.update(drawn(share * linear))
+    assert searched == [33]
+    reading.update(rest)
+    for frame in range(4):
+        with pytest.raises(NoEstimateError):
+            reading.update(drawn((0.75 + 0.25 * (0.41 * frame % 1.0)) * linear))
+    assert searched == [33, 0, 1, 3]
+
+
+def test_an_object_without_a_supported_shape_is_followed_and_seldom_refitted() -> None:
+    states = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)
+    drawn = Drawn(DESIGN, DOME)
+    rest = drawn(np.zeros_like(states[0].linear))
+    settings = ContactSettings(search_every=4, search_patience=1, changed=1e9)
+    reading, taken = ContactReading(sensor_as_designed(SENSOR), rest, settings), []
+    take, unlike = reading._taken, reading._unlike
+
+    def counted(*given: Any) -> bool:
+        taken.append(frame)
+        return take(*given)
+
+    reading._taken = counted  # type: ignore[method-assign]
+    reading._unlike = lambda solution: True  # type: ignore[method-assign]
+    frame = 0
+    for frame, state in enumerate(states[:16]):  # noqa: B007 - the fits are told by it
+        with pytest.raises(NoEstimateError, match="no contact of a smooth, convex object"):
+            reading.update(drawn(state.linear))
+    assert len(taken) > 3
+    assert (np.diff(taken[2:]) >= 4).all()
+    reading._unlike = unlike  # type: ignore[method-assign]
+    for state in states[16:]:
+        frame += 1
+        if frame >= taken[-1] + 4 and taken[-1] < 16:
+            break
+        with pytest.raises(NoEstimateError):
+            reading.update(drawn(state.linear))
+    field = reading.update(drawn(state.linear))
+    assert field.total_normal == pytest.approx(dome_forces(DOME, state).total_normal, rel=0.1)
+
+
 def test_the_interval_of_what_fails_doubles_up_to_a_limit() -> None:
     backoff, waited, intervals = Backoff.from_first(1, 4, 2), 0, []
     for _ in range(20):

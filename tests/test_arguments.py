@@ -1,0 +1,166 @@
+"""Arguments of a method by name: what is missing, unknown or of another type is one sentence."""
+
+import re
+import sys
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+from chromagrip import UserError
+from chromagrip.arguments import check_arguments, check_complete
+from chromagrip.outside.gripper import GRIPPERS
+from chromagrip.sources import open_source
+from chromagrip.tracking import load_tracker
+
+
+class Mine:
+    """A tracker, a source and a gripper, whose arguments have types of each kind."""
+
+    def __init__(
+        self,
+        serial: str,
+        gain: float,
+        *,
+        mode: Literal["fast", "safe"] = "safe",
+        unit: int | None = None,
+        floor: bool = False,
+        free: Any = None,
+        later: "Unknown" = None,  # type: ignore[name-defined]  # noqa: F821
+    ) -> None:
+        self.gain = gain
+
+    def reset(self, rest: object) -> None: ...
+    def update(self, frame: object) -> None: ...
+    def read(self) -> None: ...
+    def command(self, force: float) -> None: ...
+
+
+class Typed:
+    """The same types, all of which can be found."""
+
+    def __init__(
+        self,
+        serial: str,
+        gain: float,
+        *,
+        mode: Literal["fast", "safe"] = "safe",
+        unit: int | None = None,
+        floor: bool = False,
+        places: tuple[float, ...] = (),
+    ) -> None: ...
+
+
+@pytest.fixture(autouse=True)
+def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mine", sys.modules[__name__])
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "sentence"),
+    [
+        (
+            "robotiq",
+            {"host": "10.0.0.2"},
+            "gripper 'robotiq' needs model (2f-85 or 2f-140 or hand-e); it has model, port, host, "
+            "unit, speed, floor",
+        ),
+        (
+            "onrobot",
+            {},
+            "gripper 'onrobot' needs model (rg2 or rg6) and host (a text in quotes); it has model, "
+            "host, unit, floor",
+        ),
+        (
+            "franka",
+            {"speed": 0.1},
+            "gripper 'franka' needs host (a text in quotes); it has host, s",
+        ),
+        ("franka", {"host": 7}, "gripper 'franka': host = 7; expected a text in quotes"),
+        (
+            "robotiq",
+            {"model": "2f-85", "host": "10.0.0.2", "floor": "no"},
+            "gripper 'robotiq': floor = 'no'; expected true or false",
+        ),
+        (
+            "onrobot",
+            {"model": "rg4", "host": "10.0.0.2"},
+            "gripper 'onrobot': model = 'rg4'; expected rg2 or rg6",
+        ),
+        (
+            "onrobot",
+            {"modle": "rg2"},
+            "gripper 'onrobot' has no argument modle (did you mean model",
+        ),
+        (
+            "mine:Mine(serial=a)",
+            {},
+            "gripper 'mine:Mine(serial=a)' needs gain (a number); it has serial, gain, mode",
+        ),
+    ],
+)
+def test_a_gripper_tells_what_it_needs(name: str, arguments: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(UserError, match=f"^{re.escape(sentence)}"):
+        GRIPPERS.build(name, arguments)
+
+
+def test_so_do_sources_and_trackers() -> None:
+    with pytest.raises(UserError, match=r"^source 'mine:Typed' has no read; see"):
+        open_source("mine:Typed")
+    with pytest.raises(
+        UserError, match=r"^source 'mine:Mine' needs serial \(a text in quotes\) and gain"
+    ):
+        list(open_source("mine:Mine").frames())
+    # A tracker gets two arguments, a palette and the noise, before those of its own.
+    with pytest.raises(UserError, match=r"^tracker 'mine:Third' needs floor \(true or false\)"):
+        load_tracker("mine:Third")
+    assert load_tracker("mine:Third(floor=true)")(None, 1.0).floor  # type: ignore[arg-type, attr-defined]
+    with pytest.raises(UserError, match=r"^tracker 'mine:Third' has no argument noise; it has flo"):
+        load_tracker("mine:Third(noise=1.0)")
+
+
+class Third(Mine):
+    def __init__(self, palette: object, noise: float, floor: bool) -> None:
+        self.floor = floor
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("serial", "a", ""),
+        ("serial", 12.5, "a text in quotes"),
+        ("gain", 2, ""),
+        ("gain", True, "a number"),
+        ("gain", "2", "a number"),
+        ("mode", "fast", ""),
+        ("mode", "quick", "fast or safe"),
+        ("unit", 9, ""),
+        ("unit", 9.5, "a whole number"),
+        ("floor", 1, "true or false"),
+        ("floor", [True], "true or false"),
+        ("places", "here", ""),  # what is allowed there is not known
+        ("gain", np.float32(2.0), ""),  # from Python
+    ],
+)
+def test_types_of_values(name: str, value: object, expected: str) -> None:
+    if not expected:
+        check_arguments("gripper 'x'", Typed, {name: value})
+        return
+    words = re.escape(f"gripper 'x': {name} = {value!r}; expected {expected}")
+    with pytest.raises(UserError, match=f"^{words}$"):
+        check_arguments("gripper 'x'", Typed, {name: value})
+
+
+def test_types_that_cannot_be_found_are_not_checked() -> None:
+    check_arguments("gripper 'x'", Mine, {"serial": "a", "later": 1, "free": "all"})
+    with pytest.raises(UserError, match="serial = 3; expected a text"):
+        check_arguments("gripper 'x'", Mine, {"serial": 3})
+
+
+def test_what_a_factory_has_is_not_missing() -> None:
+    check_complete("x", partial(Typed, serial="a", gain=1.0))
+    check_complete("x", lambda *several, **named: None)
+    check_complete("x", dict)
+    with pytest.raises(UserError, match=r"^x needs gain"):
+        check_complete("x", partial(Typed, serial="a"))
