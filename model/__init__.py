@@ -11,7 +11,7 @@ which estimates are compared.
 
 from .chain.assembly import check_fit
 from .chain.drive import Drive
-from .chain.ensemble import Ensemble, rest_ensemble, step_many
+from .chain.ensemble import Copies, Ensemble, copies_of, place_many, rest_ensemble, step_many
 from .chain.fingertip import REFERENCE_NODES, Fingertip, SpringLaw
 from .chain.integrators import INTEGRATORS, Integrator, Method, explicit_limit, simulate
 from .chain.metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
@@ -62,6 +62,7 @@ __all__ = [
     "REFERENCE_NODES",
     "ContactObject",
     "ConvergenceError",
+    "Copies",
     "Deformation",
     "DivergedError",
     "Dome",
@@ -93,6 +94,7 @@ __all__ = [
     "check_fit",
     "contact_forces",
     "contact_steps",
+    "copies_of",
     "dome_forces",
     "equilibrium",
     "explicit_limit",
@@ -104,6 +106,7 @@ __all__ = [
     "margin_within",
     "no_slip",
     "node_friction",
+    "place_many",
     "press_and_move",
     "pressure",
     "refuse_flattening",

@@ -50,9 +50,10 @@ class MembraneMap:
         self, sensor: SensorDesign, nodes: int | Array, places: Array | None = None
     ) -> None:
         self.sensor = sensor
-        skin, count = sensor.shape, len(sensor.places)
+        skin = sensor.shape
         # As designed, both layers have the same places and share one map.
         own = sensor.places[None] if places is None else places
+        count = own.shape[1]
         stations = np.ascontiguousarray(stations_of(skin, nodes), dtype=float)
         # Coordinates of each marker, and of its mirror image.
         sides = np.stack([own[..., 0], -own[..., 0]], axis=-1)

@@ -1,5 +1,7 @@
 """Many independent fingertips at once: one chain, with an object, a grip and a load for each.
 
+`step_many` steps them under forces, `place_many` to given positions of rigid part and object.
+
 The compiled loop releases the interpreter lock, so that threads can share the batch.
 """
 
@@ -14,20 +16,24 @@ from numpy.typing import NDArray
 from ...compiled import njit
 from ...errors import UserError
 from ..kernels.bordered_kernels import Scratch, scratch
-from ..kernels.contact import Contact
+from ..kernels.contact import Contact, contact_frame
 from ..kernels.implicit_kernels import SOLVED, UNSOLVED, Record, Rule, advance
 from ..objects import ContactObject
 from .assembly import Chain, chain, contact
 from .drive import Drive
-from .fingertip import Fingertip
-from .plant import IMPLICIT, NO_RECORD, _broken, _in_parts
+from .fingertip import CONTACT_THRESHOLD, Fingertip
+from .plant import IMPLICIT, NO_RECORD, _broken, _in_parts, _memory
 from .state import State, state_of
 
 Array = NDArray[np.float64]
 
-#: Neither rigid part nor object has a given position. As a literal in a kernel it would compile
+#: Whether rigid part and object have a given position. As a literal in a kernel it would compile
 #: `advance` again.
-_FREE = (False, False)
+_FREE, _HELD = (False, False), (True, True)
+#: Rule of `place_many`, for many copies that need not be exact: as IMPLICIT, to 10 nm.
+_ROUGHLY = IMPLICIT._replace(tolerance=1e-8)
+#: Shortest part of a step that is divided because it has no solution, and most tries.
+_LEAST_PART, _MOST_TRIES = 1e-3, 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,3 +217,150 @@ def _advance_many(
         if ended != SOLVED:
             return b, reached, ended
     return stop, 0, SOLVED
+
+
+@dataclass(frozen=True, kw_only=True)
+class Copies:
+    """Parameters of B copies of a fingertip, each with an object and a membrane of its own.
+
+    Attributes
+    ----------
+    chain: parameters of the fingertip
+    contacts: parameters of the objects, shape (B, 8)
+    membrane: factors on the stiffness of the membrane, shape (B,)
+    """
+
+    chain: Chain
+    contacts: Array
+    membrane: Array
+
+    def take(self, rows: Sequence[int]) -> "Copies":
+        """Some of the copies, in this order; they may repeat."""
+        picked = np.asarray(rows)
+        return Copies(
+            chain=self.chain, contacts=self.contacts[picked], membrane=self.membrane[picked]
+        )
+
+    def sums(self, ensemble: Ensemble) -> Array:
+        """ΣFn, and ΣFf along the object's tangent, of each copy [N], shape (B, 2)."""
+        out = np.empty((len(ensemble), 2))
+        _sums_many(self.chain, self.contacts, ensemble.nodes, ensemble.friction, ensemble.pose, out)
+        return out
+
+
+def copies_of(fingertip: Fingertip, objects: Sequence[ContactObject], membrane: Array) -> Copies:
+    """Make copies of a fingertip, with B flat or round objects and factors (B,) of the membrane.
+
+    Raises
+    ------
+    UserError
+        When an object has a profile or patches, or a fingertip does not enter its hollow.
+    """
+    if any(obj.profile is not None or obj.patches for obj in objects):
+        raise UserError("copies take flat and round objects of one friction each")
+    contacts = np.array([contact(fingertip, obj)[:8] for obj in objects])
+    return Copies(chain=chain(fingertip), contacts=contacts, membrane=membrane)
+
+
+def place_many(
+    copies: Copies, ensemble: Ensemble, poses: Array, dt: float
+) -> tuple[Ensemble, NDArray[np.bool_]]:
+    """Step every copy to a given position of its rigid part and object.
+
+    Parameters
+    ----------
+    copies: B copies
+    ensemble: B states to start from; not changed
+    poses: position of the rigid part along z and of the object along x [m], shape (B, 2)
+    dt: length of the step [s]
+
+    Returns
+    -------
+    States, and which of them were found (B,); the others are of a shorter motion.
+    """
+    out = [
+        part.copy()
+        for part in (
+            ensemble.nodes,
+            ensemble.friction,
+            ensemble.slip_rate,
+            ensemble.pose,
+            ensemble.rate,
+        )
+    ]
+    solved = np.empty(len(poses), np.bool_)
+    memory = _memory(copies.chain.rest.shape[0])
+    _place_many(
+        copies.chain, copies.contacts, copies.membrane, memory, *out, dt, ensemble.step, _HELD,
+        np.ascontiguousarray(poses, dtype=float), _ROUGHLY, NO_RECORD, solved,
+    )  # fmt: skip
+    nodes, friction, slip_rate, pose, rate = out
+    placed = Ensemble(
+        time=ensemble.time + dt,
+        nodes=nodes,
+        pose=pose,
+        friction=friction,
+        slip_rate=slip_rate,
+        rate=rate,
+        step=dt,
+    )
+    return placed, solved
+
+
+@njit()
+def _place_many(
+    ch: Chain, contacts: Array, membrane: Array, w: Scratch, u: Array, friction: Array,
+    slip: Array, pose: Array, rate: Array, dt: float, before: float, held: tuple[bool, bool],
+    poses: Array, rule: Rule, nothing: Record, solved: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Do `place_many` in place; a step without solution is divided into halves."""
+    no_knots, no_pieces = np.empty(0), np.empty((1, 4))
+    goal, start = np.empty((1, 2)), np.empty((u.shape[1] + 1, 2))
+    for b in range(poses.shape[0]):
+        c = contacts[b]
+        ct = Contact(
+            c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], no_knots, no_pieces, no_knots, no_knots
+        )
+        own = Chain(
+            ch.rest, ch.share, ch.tissue, ch.membrane * membrane[b], ch.cross_tissue,
+            ch.cross_membrane, ch.damping, ch.damping_rigid, ch.law, ch.half,
+        )  # fmt: skip
+        start[:-1], start[-1] = u[b], pose[b]
+        left, part, last, tries = 1.0, 1.0, before, 0
+        while left > 0.0 and part >= _LEAST_PART and tries < _MOST_TRIES:
+            part = min(part, left)
+            goal[0] = start[-1] + (1.0 - left + part) * (poses[b] - start[-1])
+            _, ended = advance(
+                own, ct, w, u[b], friction[b], slip[b], pose[b], rate[b], part * dt, last, held,
+                goal, rule, nothing, 0, 2,
+            )  # fmt: skip
+            tries += 1
+            if ended == SOLVED:
+                last, left = part * dt, left - part
+            else:
+                part *= 0.5
+        solved[b] = left <= 0.0
+        if tries > 1:  # mean rates over the whole step
+            rate[b, :-1], rate[b, -1] = (u[b] - start[:-1]) / dt, (pose[b] - start[-1]) / dt
+
+
+@njit()
+def _sums_many(
+    ch: Chain, contacts: Array, u: Array, friction: Array, pose: Array, out: Array
+) -> None:
+    """Do `Copies.sums`."""
+    no_knots, no_pieces = np.empty(0), np.empty((1, 4))
+    for b in range(u.shape[0]):
+        stiffness, curvature, lift, travel = (
+            contacts[b, 0], contacts[b, 5], contacts[b, 6], contacts[b, 7],
+        )  # fmt: skip
+        out[b] = 0.0
+        for i in range(u.shape[1]):
+            x, z = ch.rest[i, 0] + u[b, i, 0], ch.rest[i, 1] + u[b, i, 1]
+            gap, _, _ = contact_frame(
+                no_knots, no_pieces, curvature, x - travel * pose[b, 1], z - lift
+            )
+            normal = -stiffness * ch.share[i] * gap
+            if normal > CONTACT_THRESHOLD * ch.share[i]:
+                out[b, 0] += normal
+                out[b, 1] += friction[b, i]

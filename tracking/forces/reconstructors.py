@@ -43,6 +43,10 @@ METHODS = {
         ".chain.learned:Learned",
         "read-out trained on random grips, over codes averaged while the skin holds still",
     ),
+    "way": (
+        ".chain.way_reading:WayReading",
+        "a contact of the chain fitted along its way, begun by sequential",
+    ),
     "contact": (
         ".dome.contact:ContactReading",
         "a contact fitted by synthesis, on a dome of silicone",
@@ -73,8 +77,8 @@ RECONSTRUCTORS = Registry(
         **METHODS,
     },
 )
-#: Name of the reconstructor that needs a trained read-out.
-_TRAINED = "sequential"
+#: Names of the reconstructors that need a trained read-out.
+_TRAINED = ("sequential", "way")
 
 
 def automatic(calibration: SensorCalibration, rest: Tracks) -> Reconstructor:
@@ -130,7 +134,7 @@ def name_used(choice: Choice, calibration: SensorCalibration) -> str:
 
 def needs_readout(choice: Choice, calibration: SensorCalibration) -> bool:
     """Whether a reconstructor is a built-in one that needs a trained read-out."""
-    return name_used(choice, calibration) == _TRAINED
+    return name_used(choice, calibration) in _TRAINED
 
 
 def check_reconstructor(choice: Choice, calibration: SensorCalibration) -> None:
