@@ -277,7 +277,9 @@ class _Bench:
             judge_press(self._markers, self.noise, frames)
             return frames
 
-        frames = self.asked("Press, hold it still, and press Enter", held)
+        frames = self.asked(
+            "Press, hold it still until the scale is asked for, and press Enter", held
+        )
         normal, lateral = self.asked(
             "What does the scale read, in N, or as 50 g? With a pull: normal and lateral",
             lambda answer, _: _reading(answer, force),
