@@ -20,7 +20,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from ..errors import UserError, located
+from ..errors import UserError
 from ..folders import LOCK, filling, make_folder, write_whole
 from ..output.png import encode_png
 from ..output.versions import versions
@@ -29,9 +29,9 @@ from ..render import Frame, SensorDesign, load_camera, load_sensor
 from ..sensing.reader import Reader
 from ..sources import Source, open_source
 from ..sources.picture_files import read_picture
-from ..tracking import SensorCalibration
-from ..tracking.forces import body_read, nominal_calibration
-from .expected_errors import expected_errors, normal_interval
+from ..tracking import Z90, SensorCalibration
+from ..tracking.forces import SILICONE_ERROR, body_read, nominal_calibration
+from .expected_errors import expected_errors
 from .presses import LIST, Press, read_list, write_list
 from .sensor import calibrate_sensor, save_calibration
 
@@ -43,8 +43,6 @@ _CHECK, _CHECKED = "check.png", "check.csv"
 _LENS, _DESIGN = "lens.yml", "sensor.toml"
 #: Frames of a step, and those before them that a camera may have kept since the last one.
 _TAKEN, _OLD = 8, 8
-#: Times that a question is asked.
-_TRIES = 5
 #: Newtons of each unit of a scale.
 _UNITS = {"n": 1.0, "kg": 9.81, "g": 9.81e-3}
 _NUMBER = r"([-+]?\d+(?:[.,]\d+)?)\s*(kg|n|g)?"
@@ -59,13 +57,11 @@ class Plan:
     presses: number of presses for the fit
     forces: lowest and highest force that is asked for [N]
     scale_error: standard deviation of the scale, as a share of its reading
-    grips: number of simulated grips
     """
 
     presses: int = 6
     forces: tuple[float, float] = (0.5, 5.0)
     scale_error: float = 0.02
-    grips: int = 12
 
 
 def walk(
@@ -82,7 +78,8 @@ def walk(
     """Calibrate the dome of silicone before a camera, step by step.
 
     It is a go if a force lies both in the 90 % interval of ΣFn of the check press and within twice
-    the scale's error of what the scale read.
+    the scale's error of what the scale read. A factor by which the scale is always wrong is not
+    noticed: all forces are then wrong by it.
 
     Parameters
     ----------
@@ -106,24 +103,23 @@ def walk(
     """
     source = _camera(source, fps)
     make_folder(out)
-    with filling(out), _keeping(out):
-        _check_folder(out, lens)
+    with filling(out), _keeping(out, lens):
         name = sensor if lens is None else _with_lens(sensor, lens, out)
         design = _silicone_design(name, sensor)
         bench = _Bench(source, design, ask, tell)
-        bench.begin(out)
+        bench.begin(out, plan.presses)
         forces = np.geomspace(*plan.forces, plan.presses).tolist()
-        presses = _presses(bench, out / LIST, "press-{}.png", forces)
-        check, *_ = _presses(bench, out / _CHECKED, _CHECK, [math.sqrt(math.prod(plan.forces))])
+        presses = _presses(bench, out / LIST, "press-{}.png", "Press {} of {}", forces)
+        middle = [math.sqrt(math.prod(plan.forces))]
+        check, *_ = _presses(bench, out / _CHECKED, _CHECK, "Check press", middle)
         calibration, report = calibrate_sensor(out, design, tell=tell)
         summary = _judged(bench, calibration, out / _CHECK, check, plan.scale_error)
         if summary["go"]:
             limits = presses[0].normal, presses[-1].normal
             summary["expected"] = expected_errors(
-                calibration, rate=bench.rate, noise=bench.noise, forces=limits, tell=tell,
-                most=plan.grips,
-            )  # fmt: skip
-            summary["sentence"] += _to_expect(summary)
+                calibration, rate=bench.rate, noise=bench.noise, forces=limits, tell=tell
+            )
+            summary["sentence"] += _to_expect(summary, limits)
             save_calibration(calibration, name, report, out / CALIBRATION, summary["sentence"])
         write_whole(out / SUMMARY, (json.dumps(summary, indent=2) + "\n").encode())
     return summary
@@ -149,13 +145,14 @@ def _silicone_design(name: str, sensor: str) -> SensorDesign:
 
 
 @contextmanager
-def _keeping(out: Path) -> Iterator[None]:
-    """Say in every refusal that what was taken is kept."""
+def _keeping(out: Path, lens: Path | None) -> Iterator[None]:
+    """Check a folder, and say in every later refusal how a walk goes on with it."""
+    _check_folder(out, lens)
     try:
         yield
     except (UserError, EOFError) as error:
         why = "the answers ended" if isinstance(error, EOFError) else str(error)
-        kept = f"; what was taken is kept in {out}, from which the same command goes on"
+        kept = f"; the same command goes on with what is in {out}; mend a wrong entry in its {LIST}"
         raise UserError(why + (kept if any(out.glob("*.png")) else "")) from None
 
 
@@ -220,24 +217,15 @@ class _Bench:
     def asked(
         self, question: str, use: Callable[[str, list[Frame]], Use], count: int = _TAKEN
     ) -> Use:
-        """Ask until an answer can be used with the frames after it.
-
-        Raises
-        ------
-        UserError
-            When the source fails, or no answer can be used.
-        """
-        why = ""
-        for _ in range(_TRIES):
+        """Ask until an answer can be used with the frames after it, or there are none."""
+        while True:
             answer, frames = self._ask(question).strip(), self._take(count)
             try:
                 return use(answer, frames)
             except UserError as error:
-                why = str(error)
-                self.tell(why)
-        raise UserError(f"{_TRIES} tries were of no use; the last one: {why}")
+                self.tell(str(error))
 
-    def begin(self, out: Path) -> None:
+    def begin(self, out: Path, presses: int) -> None:
         """Take the frames of the unloaded sensor, or those of the folder."""
         paths = _rest_paths(out)
 
@@ -251,6 +239,10 @@ class _Bench:
             judged("", [Frame(image=read_picture(path), time=0.0) for path in paths])
             self.lifted()
         else:
+            self.tell(
+                f"have a scale, and a hard ball or a flat plate, for {presses} presses and a check "
+                f"press; stop at any time: the same command goes on with what is in {out}"
+            )
             self.asked("Let nothing touch the sensor, keep it still, and press Enter", judged)
             for path, frame in zip(paths, self.still, strict=True):
                 write_whole(path, encode_png(frame.image))
@@ -259,8 +251,7 @@ class _Bench:
         """Wait until the markers are where they were at rest."""
 
         def judged(_: str, frames: list[Frame]) -> None:
-            with located("the sensor is not as in its rest frames, or was loaded in them"):
-                judge_return(self._markers, self.noise, frames)
+            judge_return(self._markers, self.noise, frames)
 
         self.asked("Let nothing touch the sensor, and press Enter", judged)
 
@@ -273,10 +264,11 @@ class _Bench:
         force: force that is asked for [N]
         last: radius of the ball that pressed last [m]; 0 is a plate
         """
-        usual = f"the ball of {1e3 * last:g} mm" if last else "a flat plate"
+        usual, other = "a flat plate", "a ball in mm"
+        if last:
+            usual, other = f"the ball of {1e3 * last:g} mm", "another in mm, 0 for a flat plate"
         radius = self.asked(
-            f"{question}. With {usual}? Press Enter, or type the radius of another ball in mm, 0 "
-            "for a plate",
+            f"{question}. Press Enter for {usual}, or type the radius of {other}",
             lambda answer, _: _radius(answer) if answer else last,
             count=0,
         )
@@ -285,9 +277,11 @@ class _Bench:
             judge_press(self._markers, self.noise, frames)
             return frames
 
-        frames = self.asked("Press, hold it still, and press Enter", held)
+        frames = self.asked(
+            "Press, hold it still until the scale is asked for, and press Enter", held
+        )
         normal, lateral = self.asked(
-            "What does the scale read, in N? With a pull: normal and lateral",
+            "What does the scale read, in N, or as 50 g? With a pull: normal and lateral",
             lambda answer, _: _reading(answer, force),
             count=0,
         )
@@ -312,16 +306,12 @@ class _Bench:
         return frames
 
 
-def _presses(bench: _Bench, path: Path, names: str, forces: list[float]) -> list[Press]:
+def _presses(bench: _Bench, path: Path, names: str, title: str, forces: list[float]) -> list[Press]:
     """Presses of a list, and as many more as forces are asked for; the lightest first."""
-    presses, by_force = read_list(path) if path.exists() else ([], True)
-    if not by_force:
-        raise UserError(f"list of presses {path} gives no forces")
+    presses = read_list(path)[0] if path.exists() else []
     for number, force in list(enumerate(forces, 1))[len(presses) :]:
-        question = f"Press {number} of {len(forces)}, for the fit: about {force:.2g} N"
-        if names == _CHECK:
-            question = f"A check press, not for the fit: about {force:.2g} N"
-        elif number % 3 == 2:
+        question = f"{title.format(number, len(forces))}: about {force:.2g} N"
+        if number % 3 == 2:
             question += f", then pull it by {0.25 * force:.2g} N along the picture's x if you can"
         press, picture = bench.pressed(question, force, presses[-1].radius if presses else 0.0)
         used = {press.name for press in presses}
@@ -371,15 +361,18 @@ def _judged(
     reader.update(bench.still[0].image, 0.0)
     read = reader.update(read_picture(picture), 1.0).observation
     assert read is not None
-    known, normal, (low, high) = check.normal, read.field.total_normal, normal_interval(read)
-    off, ok = 2.0 * scale_error, not read.no_estimate
+    known, normal, off = check.normal, read.field.total_normal, 2.0 * scale_error
+    ok, half = not read.no_estimate, Z90 * math.sqrt(read.field.totals_covariance[0, 0])
+    low, high = max(normal - half, 0.0), normal + half
     go = ok and low <= (1.0 + off) * known and high >= (1.0 - off) * known
-    words = f"read as {normal:.2f} N ({low:.2f} to {high:.2f} N)" if ok else read.no_estimate
-    sentence = f"{'Go' if go else 'No go'}: a check press of {known:.2f} N: {words}"
+    words = f"as {normal:.2f} N ({low:.2f} to {high:.2f} N)" if ok else f"not: {read.no_estimate}"
+    sentence = f"{'Go' if go else 'No go'}: the check press of {known:.2f} N is read {words}"
+    if ok and not go:
+        sentence += f"; an error of the scale of {off:.0%} does not explain it"
     if not go:
         sentence += (
-            f"; an error of the scale of {off:.0%} does not explain it: check scale and object, "
-            "and give the same command for another check press"
+            "; check scale and object, and give the same command for another check press, or "
+            "another folder for other presses"
         )
     return {
         "format": "chromagrip walk 1",
@@ -395,14 +388,16 @@ def _judged(
     }
 
 
-def _to_expect(summary: dict[str, Any]) -> str:
-    """End of the sentence: the errors to expect."""
+def _to_expect(summary: dict[str, Any], forces: tuple[float, float]) -> str:
+    """End of the sentence: the errors to expect of grips of these forces [N]."""
     errors = summary["expected"]
     if not errors["read"]:
         return "; no simulated grip could be read"
     return (
         f"; at {summary['rate_hz']:.3g} Hz and a noise of {summary['noise_levels']:.2g} levels "
         f"expect errors of {errors['normal_error']:.1%} of ΣFn and {errors['margin_error']:.2f} of "
-        f"Γ (RMS of {errors['grips']} simulated grips, {errors['normal_inside']:.0%} and "
-        f"{errors['margin_inside']:.0%} of the readings in their 90 % intervals)"
+        f"Γ (RMS of {errors['grips']} simulated grips of {forces[0]:.2g} to {forces[1]:.2g} N: "
+        f"{errors['read']:.0%} of the frames are read, Γ of {errors['margin_inside']:.0%} of these "
+        "is in its 90 % interval); real silicone is not quite as its model, which adds about "
+        f"{SILICONE_ERROR:.0%} of ΣFn"
     )

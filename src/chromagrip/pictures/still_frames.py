@@ -70,7 +70,10 @@ def judge_return(reader: Reader, noise: float, now: list[Frame]) -> None:
     """Refuse frames of a sensor that is not as it was at rest; parameters as of `judge_press`."""
     away, _ = _motion(reader, now)
     if away > least_motion(noise):
-        raise UserError(f"the markers are {away:.2f} px from where they were at rest")
+        raise UserError(
+            f"the markers are {away:.2f} px from where they were at rest; if nothing touches the "
+            "sensor, it has moved or was touched then: stop, and begin with another folder"
+        )
 
 
 def least_motion(noise: float) -> float:
