@@ -195,7 +195,8 @@ def test_control_knows_nothing_of_the_model_but_its_force_field() -> None:
 def test_estimators_are_never_given_the_truth() -> None:
     """Tracking may use the bodies' calibration; not the object, its state or its contact forces.
 
-    What reads a dome makes contacts of its own, with objects of its own, to compare with a picture.
+    What reads a dome, or follows a chain, makes contacts of its own, with objects of its own, to
+    compare with a picture.
     """
     allowed = {"REFERENCE_NODES", "Fingertip", "SpringLaw", "chain_compliance", "chain_forces"}
     allowed |= {"ForceField", "FrictionReading", "LoadPlane"}  # what they answer …
@@ -213,8 +214,10 @@ def test_estimators_are_never_given_the_truth() -> None:
         "rotation_of",
         "stiffening_of",
     }
+    followed = {"ContactObject", "Copies", "Ensemble", "copies_of", "place_many", "rest_ensemble"}
     for module in modules():
         more = supposed if module.startswith("tracking.forces.dome.") else set()
+        more = more | (followed if module == "tracking.forces.chain.way_fit" else set())
         for target, node in imports(module) if room(module) == "tracking" else ():
             if room(target) == "model" and not target.startswith("model.kernels"):
                 assert {alias.name for alias in node.names} <= allowed | more, module

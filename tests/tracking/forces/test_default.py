@@ -16,7 +16,7 @@ from chromagrip.tracking import (
 )
 from chromagrip.tracking.forces import required_readout
 
-NEEDED = ("auto", "sequential")
+NEEDED = ("auto", "sequential", "way")
 
 
 @pytest.mark.parametrize("name", ["auto", *METHODS])

@@ -118,7 +118,7 @@ class WaySettings:
         the same as a share of the sum
     near: spread of the copies after a short step
     catch_up: number of frames that are followed again in each frame
-    most_frames: number of frames after which the constants are not searched any more
+    most_frames: number of frames that are kept, after which the constants are not searched any more
     most_damping, patience: damping at which a search is given up, and number of frames to the next
     first_dt: time that the first frame stands for [s]
     turned: difference of the load's azimuth above which the way is followed again [rad]

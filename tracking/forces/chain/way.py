@@ -45,12 +45,14 @@ class Way:
     frames: frames so far
     candidates: the best first; none until there are enough frames for a start
     turn: number of searches so far
+    begun: whether there were candidates
     """
 
     fit: WayFit
     frames: list[WayFrame] = field(default_factory=list)
     candidates: list[Candidate] = field(default_factory=list)
     turn: int = 0
+    begun: bool = False
 
     @property
     def now(self) -> Followed | None:
@@ -72,22 +74,26 @@ class Way:
         friction: µ by another method, from which a search starts; NaN: unknown
         """
         settings = self.fit.settings
-        self.frames.append(frame)
+        kept = len(self.frames) < settings.most_frames
+        if kept:
+            self.frames.append(frame)
         if friction > 0.0:
             self.fit.believe(friction)
-        if not self.candidates:
+        if not self.begun:
             pressed = frame.sums is not None and frame.sums[0] > settings.first_force
             if len(self.frames) >= settings.first_frames and pressed:
                 self._start(friction)
             return
-        kept = []
+        following = []
         for one in self.candidates:
             try:
                 self.fit.advance(one.now, frame)
-                kept.append(one)
             except UserError:
                 continue
-        self.candidates = kept
+            if not kept:
+                one.now.forget_before_last()
+            following.append(one)
+        self.candidates = following
         self._sort()
         self.search()
 
@@ -125,7 +131,7 @@ class Way:
 
     def _start(self, friction: float) -> None:
         """Follow the first frames with a candidate of each curvature."""
-        settings = self.fit.settings
+        settings, self.begun = self.fit.settings, True
         for curvature in settings.curvatures:
             best, constants = math.inf, None
             for stiffness in settings.stiffnesses:
@@ -160,7 +166,7 @@ class Way:
         gram = now.gram(weights)
         costs = fit.costs(now, gram)
         if one.again is None:
-            if len(self.frames) < one.wait or len(self.frames) > settings.most_frames:
+            if len(self.frames) < one.wait or len(self.frames) == settings.most_frames:
                 return 0
             found = fit.quadratic(now, gram, one.damping)
             if not found.gain > settings.gain + settings.gain_share * costs[0]:

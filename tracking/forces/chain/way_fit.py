@@ -98,6 +98,10 @@ class Followed:
         """Sum of products of residuals with weights of the frames, shape (B, B)."""
         return np.tensordot(weights[: self.done], np.array(self.grams), 1)
 
+    def forget_before_last(self) -> None:
+        """Count the last frame in place of the one before it."""
+        del self.grams[-2], self.misfits[-2]
+
 
 class _Pose(NamedTuple):
     """A position of copy 0 in a frame [m], with what follows from it.

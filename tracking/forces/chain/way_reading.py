@@ -139,7 +139,7 @@ class WayReading:
         """Follow the contact again if its plane was found to be another one."""
         azimuth = 0.0 if field.plane is None else field.plane.azimuth
         off = math.remainder(azimuth - self._fit.azimuth, math.pi)
-        if abs(off) < self._settings.turned:
+        if abs(off) < self._settings.turned or len(self._way.frames) > self._settings.tried:
             return
         self._fit = self._fitted(azimuth)
         self._way = Way(fit=self._fit, frames=self._way.frames)
