@@ -124,7 +124,7 @@ class WaySettings:
     turned: difference of the load's azimuth above which the way is followed again [rad]
     told: number of frames from which on the way answers
     misfit: largest mean squared residual of markers of an explained way
-    usual_misfit: up to which errors are those below; they grow with its square
+    usual_misfit: up to which errors are those below; that of Γ grows with the misfit
     margin_error, normal_error, friction_error: standard deviations of Γ, ΣFn (share) and ΣFf [N]
     """
 
@@ -186,8 +186,8 @@ class WaySettings:
     first_dt: float = 0.01
     turned: float = math.radians(3.0)
     told: int = 8
-    misfit: float = 2.0
-    usual_misfit: float = 0.27
+    misfit: float = 1.2
+    usual_misfit: float = 0.2
     margin_error: float = 0.025
     normal_error: float = 0.03
     friction_error: float = 0.01

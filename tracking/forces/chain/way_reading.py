@@ -163,7 +163,7 @@ class WayReading:
         told = values[0]
         # What another step of the search would change, and misfits above usual, are doubts.
         left = abs(np.clip(found.step, -1.0, 1.0) @ slopes)
-        doubt = max(misfit / settings.usual_misfit, 1.0) ** 2
+        doubt = max(misfit / settings.usual_misfit, 1.0)
         return _fused(field, told, left, doubt, settings)
 
 
@@ -194,12 +194,12 @@ def _fused(
     ----------
     told: ΣFn [N], ΣFf [N], µ and Γ of the way, shape (4,)
     left: changes of these that are left to its search, shape (4,)
-    doubt: factor on its errors
+    doubt: factor on its error of Γ; the sums err with its square
     """
     reading = field.friction_reading
     assert reading is not None
     before = np.array([field.total_normal, field.total_friction])
-    own = np.array([settings.normal_error * told[0], settings.friction_error]) * doubt
+    own = np.array([settings.normal_error * told[0], settings.friction_error]) * doubt**2
     own = np.hypot(own, left[:2])
     sums, deviations = _mean(told[:2], own, before, np.sqrt(np.diag(field.totals_covariance)))
     margin, deviation = _mean(

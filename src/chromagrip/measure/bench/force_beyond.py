@@ -8,7 +8,7 @@ from ...by_name import Choice
 from ...output.report import Bounds, Row, Table, measured, number, values
 from ..worlds.beyond.groups import BEYOND, GROUPS, NEED_GL
 from ..worlds.beyond.scores import UNITS, beyond_scores
-from ..worlds.force_scores import CONSTANT, QUANTITIES, READ, Answers, constant
+from ..worlds.force_scores import CONSTANT, FOLLOWING, QUANTITIES, READ, Answers, constant
 from .force_sets import Measured
 
 #: Grasps of each group.
@@ -125,8 +125,10 @@ def _rows(
     true = results.true[part]
     guess = constant(true)
     guessed = beyond_scores(guess, true)
-    for read in READ:
-        for method in (CONSTANT, *reconstructors):
+    for read, named in results.answers.items():
+        for method in (CONSTANT, *reconstructors) if named else ():
+            if method not in (CONSTANT, *named):
+                continue
             given = guess if method == CONSTANT else _of(results.answers[read][method], part)
             found = beyond_scores(given, true)
             for score in wanted:
@@ -189,13 +191,17 @@ def beyond_tables(
             )
             for group in groups
             for method in methods
+            if (group, read, method, "flagged") in found
         ]
         title = f"Beyond the training range, {read}: RMS errors of the frames that are read"
         return Table((f"{BEYOND}", *(heading for heading, *_ in _COLUMNS)), tuple(lines), title)
 
     few = [name for name in names if name in (CONSTANT, best)]
     short = table("0.1s", few if len(few) > 1 else names)
-    return [short, *(table(read, names) for read in READ)]
+    if not short.lines:
+        short = table(FOLLOWING, names)
+    every = (table(read, names) for read in READ)
+    return [short, *(one for one in every if one.lines)]
 
 
 def law_table(rows: Sequence[Row], names: Sequence[str]) -> Table:

@@ -13,7 +13,7 @@ from ...tracking import METHODS, load_reconstructor
 from ..study import Asked, Results
 from ..worlds.beyond.groups import BEYOND, beyond_scenes
 from ..worlds.force_scenes import ForceScene
-from ..worlds.force_scores import READ, Answers, answers, limits, refused, truth
+from ..worlds.force_scores import FOLLOWING, READ, Answers, answers, limits, refused, truth
 from ..worlds.grasps import LIBRARY, scenes
 
 Array = NDArray[np.float64]
@@ -127,10 +127,11 @@ def joined(parts: Sequence[Measured]) -> Measured:
 
 def measure_grasp(task: GraspTask) -> Measured:
     """Make a grasp and let every reconstructor read it."""
+    whole = FOLLOWING in task.reconstructors
     if task.world == BEYOND:
-        made = beyond_scenes(task.kind, task.index)
+        made = beyond_scenes(task.kind, task.index, whole)
     else:
-        made = scenes(task.world, task.kind, task.index)
+        made = scenes(task.world, task.kind, task.index, whole)
     return joined([_measure_scene(task, scene) for scene in made])
 
 
@@ -151,7 +152,7 @@ def _measure_scene(task: GraspTask, scene: ForceScene) -> Measured:
         true=truth(scene)[None],
         answers=estimates,
         limit={
-            read: (limits(scene, frames) if task.limited else unknown)[None]
+            read: (limits(scene, frames) if task.limited and read != "way" else unknown)[None]
             for read, frames in READ.items()
         },
         labels=(scene.labels,),

@@ -107,7 +107,7 @@ class ForceScene:
     ----------
     known: calibration that estimators are given
     rest: tracks of the untouched sensor
-    tracks: of the last HELD_FRAMES frames
+    tracks: of the last HELD_FRAMES frames, or of all frames since before the touch
     specimen, obj: sensor and object in contact
     state: of the body
     field: true contact forces
@@ -158,6 +158,7 @@ def watch(
     film: bool = False,
     labels: tuple[str, ...] = (),
     may_refuse: bool = False,
+    whole: bool = False,
 ) -> list[ForceScene]:
     """Take pictures of a run and track the markers in them, in one thread.
 
@@ -172,6 +173,7 @@ def watch(
     film: take every frame of the run, though the tracker is given only some
     labels: of every scene
     may_refuse: whether the tracker may refuse the frames
+    whole: whether the scenes have the tracks of all frames
 
     Raises
     ------
@@ -181,7 +183,7 @@ def watch(
     tip = specimen.fingertip
     ends = [round(end / PERIOD) for end in grasped.ends]
     scored = {k for end in ends for k in range(end - HELD_FRAMES + 1, end + 1)}
-    shown, refused = _shown(run, scored), ""
+    shown, refused = list(range(ends[-1] + 1)) if whole else _shown(run, scored), ""
     with one_thread():
         rest, frames = _taken(specimen, run, seed, shown, pictures, film)
         try:
@@ -195,7 +197,7 @@ def watch(
         ForceScene(
             known=known,
             rest=at_rest,
-            tracks=[tracks[k] for k in range(end - HELD_FRAMES + 1, end + 1)],
+            tracks=[tracks[k] for k in range(0 if whole else end - HELD_FRAMES + 1, end + 1)],
             specimen=specimen,
             obj=grasped.obj,
             state=run.state(end),

@@ -28,8 +28,11 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 QUANTITIES = ("normal", "friction", "mu", "margin")
-#: Number of frames that are read one after the other after a reset, by name.
-READ = {"single": 1, "0.1s": HELD_FRAMES}
+#: Number of frames that are read one after the other after a reset, by name: the last one, those
+#: of 0.1 s, or all since before the touch.
+READ = {"single": 1, "0.1s": HELD_FRAMES, "way": 1_000_000}
+#: Reconstructor that follows a contact from its first frame on; others are not read in that way.
+FOLLOWING = "way"
 #: Name of the answer that uses no image.
 CONSTANT = "constant"
 #: Range of Γ around the value at which grips are held.
@@ -89,6 +92,11 @@ def truth(scene: ForceScene) -> Array:
     return np.array([field.total_normal, field.total_friction, scene.friction, scene.margin])
 
 
+def reads_of(name: str) -> tuple[str, ...]:
+    """Keys of READ in which a reconstructor is read."""
+    return ("way",) if name == FOLLOWING else ("single", "0.1s")
+
+
 def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[str, dict[str, Answers]]:
     """Estimates of a scene, each of shape (1, …), by the key of READ and by name.
 
@@ -105,8 +113,8 @@ def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[str, di
         return refused(name)
     fresh = ForceObserver(scene.known, scene.rest, reconstructor, HELD_FRAMES * PERIOD)
     result: dict[str, dict[str, Answers]] = {read: {} for read in READ}
-    for read, frames in READ.items():
-        observer = deepcopy(fresh)
+    for read in reads_of(name):
+        frames, observer = READ[read], deepcopy(fresh)
         for tracks in scene.tracks[-frames:]:
             observation = observer.observe(tracks.time, tracks)
         result[read][name] = answer_of(observation)
@@ -132,8 +140,11 @@ def refused(name: str) -> dict[str, dict[str, Answers]]:
     nothing = Answers(
         value=_NOTHING[None], interval=np.full((1, 4, 2), np.nan), flagged=np.array([True])
     )
-    result = {read: {name: nothing} for read in READ}
-    result["single"] |= {reading_name(name, method): nothing for method in FRICTION}
+    result: dict[str, dict[str, Answers]] = {read: {} for read in READ}
+    for read in reads_of(name):
+        result[read] = {name: nothing}
+    if name != FOLLOWING:
+        result["single"] |= {reading_name(name, method): nothing for method in FRICTION}
     return result
 
 
@@ -260,11 +271,13 @@ def times(
                 begin = time.perf_counter()
                 for reader, scene in zip(one_per_scene, scenes, strict=True):
                     reader.reset()
-                    for tracks in scene.tracks:
+                    for tracks in scene.tracks[-READ[reads_of(name)[-1]] :]:
                         with suppress(NoEstimateError):
                             reader.update(tracks)
                 passed = time.perf_counter() - begin
-                spent[name].append(1e3 * passed / (len(scenes) * HELD_FRAMES))
+                most = READ[reads_of(name)[-1]]
+                frames = sum(min(most, len(scene.tracks)) for scene in scenes)
+                spent[name].append(1e3 * passed / frames)
     return {name: all_turns[1:] for name, all_turns in spent.items()}
 
 

@@ -238,7 +238,7 @@ KNOWN: dict[str, Callable[[int], Grasp]] = {
 LIBRARY = "library"
 
 
-def scenes(world: str, kind: str, index: int) -> list[ForceScene]:
+def scenes(world: str, kind: str, index: int, whole: bool = False) -> list[ForceScene]:
     """Scenes of a grasp; the same arguments give the same bytes.
 
     Parameters
@@ -246,6 +246,7 @@ def scenes(world: str, kind: str, index: int) -> list[ForceScene]:
     world: of WORLDS
     kind: `library`, of grasps drawn at random, or of KNOWN
     index: of the grasp
+    whole: whether they have the tracks of all frames
     """
     rng = np.random.default_rng(seed_of(world, kind, index))
     specimen = WORLDS[world](rng)
@@ -257,7 +258,8 @@ def scenes(world: str, kind: str, index: int) -> list[ForceScene]:
     else:
         grasped = KNOWN[kind](index)
         run = run_of(specimen.fingertip, grasped)
-    return watch(calibration(world), specimen, grasped, run, int(rng.integers(2**32)))
+    seed = int(rng.integers(2**32))
+    return watch(calibration(world), specimen, grasped, run, seed, whole=whole)
 
 
 def _drawn(

@@ -104,8 +104,11 @@ GROUPS: Mapping[str, Group] = {
 NEED_GL = ("renderer", "friction-law-mismatched")
 
 
-def beyond_scenes(group: str, index: int) -> list[ForceScene]:
-    """Scenes of a grasp of a group of GROUPS; the same arguments give the same bytes."""
+def beyond_scenes(group: str, index: int, whole: bool = False) -> list[ForceScene]:
+    """Scenes of a grasp of a group of GROUPS; the same arguments give the same bytes.
+
+    With `whole` they have the tracks of all frames.
+    """
     case, grasped, run, seed = beyond_grasp(group, index)
     return watch(
         case.known,
@@ -118,6 +121,7 @@ def beyond_scenes(group: str, index: int) -> list[ForceScene]:
         film=case.film,
         labels=case.labels,
         may_refuse=True,
+        whole=whole,
     )
 
 
