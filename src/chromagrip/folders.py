@@ -10,12 +10,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, Self
 
 from .errors import UserError
+
+if TYPE_CHECKING:  # the doctor needs no package to find the user's cache
+    from numpy.typing import NDArray
 
 #: Start of the name of a file or folder that is not complete.
 PART = ".part-"
@@ -196,8 +196,10 @@ def synced(path: Path) -> None:
         sync(path)
 
 
-def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+def write_arrays(path: Path, arrays: "Mapping[str, NDArray[Any]]") -> None:
     """Write arrays as a NumPy file (.npz), as a `whole_file`; errors as there."""
+    import numpy as np
+
     with whole_file(path) as part, part.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
 
