@@ -172,13 +172,8 @@ def watch(
     pictures: what becomes of the frames before the tracker is given them; None leaves them
     film: take every frame of the run, though the tracker is given only some
     labels: of every scene
-    may_refuse: whether the tracker may refuse the frames
+    may_refuse: whether the tracker may refuse the frames, else its UserError is raised
     whole: whether the scenes have the tracks of all frames
-
-    Raises
-    ------
-    UserError
-        When the tracker refuses the frames, and may not.
     """
     tip = specimen.fingertip
     ends = [round(end / PERIOD) for end in grasped.ends]
@@ -192,12 +187,13 @@ def watch(
             if not may_refuse:
                 raise
             at_rest, tracks, refused = _NO_TRACKS, dict.fromkeys(shown, _NO_TRACKS), str(error)
+    first = -ends[-1] if whole else 1 - HELD_FRAMES
     fields = [contact_forces(tip, grasped.obj, run.state(end)) for end in ends]
     return [
         ForceScene(
             known=known,
             rest=at_rest,
-            tracks=[tracks[k] for k in range(0 if whole else end - HELD_FRAMES + 1, end + 1)],
+            tracks=[tracks[k] for k in range(max(end + first, 0), end + 1)],
             specimen=specimen,
             obj=grasped.obj,
             state=run.state(end),
