@@ -119,12 +119,14 @@ class WaySettings:
     near: spread of the copies after a short step
     catch_up: number of frames that are followed again in each frame
     most_frames: number of frames that are kept, after which the constants are not searched any more
-    most_damping, patience: damping at which a search is given up, and number of frames to the next
+    most_damping, patience: damping at which a search is given up, and number of turns to the next
     first_dt: time that the first frame stands for [s]
     turned: difference of the load's azimuth above which the way is followed again [rad]
     told: number of frames from which on the way answers
     misfit: largest mean squared residual of markers of an explained way
-    usual_misfit: up to which errors are those below; that of Γ grows with the misfit
+    usual_misfit: up to which errors are those below; they grow with the misfit
+    promised: gain of the next step, as a share of the sum of squares, that doubles the errors
+    young: number of frames at which they are twice those of a long way
     margin_error, normal_error, friction_error: standard deviations of Γ, ΣFn (share) and ΣFf [N]
     """
 
@@ -177,7 +179,7 @@ class WaySettings:
     first_force: float = 0.3
     light: float = 0.3
     gain: float = 1.0
-    gain_share: float = 0.02
+    gain_share: float = 0.01
     near: float = 0.5
     catch_up: int = 4
     most_frames: int = 250
@@ -187,7 +189,9 @@ class WaySettings:
     turned: float = math.radians(3.0)
     told: int = 8
     misfit: float = 1.2
-    usual_misfit: float = 0.2
-    margin_error: float = 0.025
-    normal_error: float = 0.03
-    friction_error: float = 0.01
+    usual_misfit: float = 0.25
+    promised: float = 0.2
+    young: float = 30.0
+    margin_error: float = 0.015
+    normal_error: float = 0.02
+    friction_error: float = 0.008

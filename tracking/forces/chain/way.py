@@ -26,7 +26,7 @@ class Candidate:
     now: these copies
     again: copies that follow the frames again with other constants, until they have caught up
     damping: share by which the information is increased for the next search
-    wait: number of frames before the next search
+    wait: number of turns before the next search
     """
 
     now: Followed
@@ -123,6 +123,11 @@ class Way:
         assert self.now is not None
         return self.fit.quadratic(self.now, self.now.gram(self.weights))
 
+    def cost(self) -> float:
+        """Sum of squares of the best constants."""
+        assert self.now is not None
+        return max(float(self.fit.costs(self.now, self.now.gram(self.weights))[0]), 1e-9)
+
     def misfit(self) -> tuple[float, float]:
         """Weighted mean over the frames of the mean squared residual, and that of the last one."""
         assert self.now is not None
@@ -166,12 +171,13 @@ class Way:
         gram = now.gram(weights)
         costs = fit.costs(now, gram)
         if one.again is None:
-            if len(self.frames) < one.wait or len(self.frames) == settings.most_frames:
+            if one.wait > 0 or len(self.frames) == settings.most_frames:
+                one.wait -= 1
                 return 0
             found = fit.quadratic(now, gram, one.damping)
             if not found.gain > settings.gain + settings.gain_share * costs[0]:
                 if one.damping > 0.0:
-                    one.damping, one.wait = 0.0, len(self.frames) + settings.patience
+                    one.damping, one.wait = 0.0, settings.patience
                 return 0
             near = abs(found.step).max() < 1.5
             constants = fit.moved(now.constants[0], found.step)
@@ -197,6 +203,6 @@ class Way:
         else:
             one.damping = 4.0 * one.damping + 1.0
             if one.damping > settings.most_damping:
-                one.damping, one.wait = 0.0, len(self.frames) + settings.patience
+                one.damping, one.wait = 0.0, settings.patience
         one.again = None
         return budget

@@ -160,11 +160,13 @@ class WayReading:
                 "markers"
             )
         slopes = (found.weights.T @ values)[1:]
-        told = values[0]
-        # What another step of the search would change, and misfits above usual, are doubts.
-        left = abs(np.clip(found.step, -1.0, 1.0) @ slopes)
+        # What another step of the search would change, a misfit above the usual one, a search that
+        # promises much, and a young way are doubts.
+        left = np.clip(found.step, -1.0, 1.0) @ slopes
         doubt = max(misfit / settings.usual_misfit, 1.0)
-        return _fused(field, told, left, doubt, settings)
+        doubt *= 1.0 + found.gain / (settings.promised * way.cost())
+        doubt *= 1.0 + settings.young / now.done
+        return _fused(field, values[0] + 0.5 * left, abs(left), doubt, settings)
 
 
 def _motion(last: Shifts, now: Shifts) -> float:
@@ -192,14 +194,14 @@ def _fused(
 
     Parameters
     ----------
-    told: ΣFn [N], ΣFf [N], µ and Γ of the way, shape (4,)
-    left: changes of these that are left to its search, shape (4,)
-    doubt: factor on its error of Γ; the sums err with its square
+    told: ΣFn [N], ΣFf [N], µ and Γ of the way, half-way to the next step of its search, (4,)
+    left: changes of these by that step, shape (4,)
+    doubt: factor on its errors
     """
     reading = field.friction_reading
     assert reading is not None
     before = np.array([field.total_normal, field.total_friction])
-    own = np.array([settings.normal_error * told[0], settings.friction_error]) * doubt**2
+    own = np.array([settings.normal_error * told[0], settings.friction_error]) * doubt
     own = np.hypot(own, left[:2])
     sums, deviations = _mean(told[:2], own, before, np.sqrt(np.diag(field.totals_covariance)))
     margin, deviation = _mean(
