@@ -30,8 +30,8 @@ Array = NDArray[np.float64]
 #: Whether rigid part and object have a given position. As a literal in a kernel it would compile
 #: `advance` again.
 _FREE, _HELD = (False, False), (True, True)
-#: Rule of `place_many`, for many copies that need not be exact: as IMPLICIT, to 10 nm.
-_ROUGHLY = IMPLICIT._replace(tolerance=1e-8)
+#: Rule of `place_many`, for many copies that need not be exact: as IMPLICIT, to 0.1 µm.
+_ROUGHLY = IMPLICIT._replace(tolerance=1e-7)
 #: Shortest part of a step that is divided because it has no solution, and most tries.
 _LEAST_PART, _MOST_TRIES = 1e-3, 60
 
