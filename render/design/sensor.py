@@ -212,7 +212,8 @@ class CameraSettings(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    model: model of the lens
+    model: model of the lens, fisheye unless it is given; with a calibration file only needed where
+        that leaves it open
     width_px, height_px: size of the picture [px]
     focal_px, centre_px, distortion: focal lengths [px], principal point [px] and coefficients
     calibration: file of the lens, in place of these three
@@ -221,7 +222,7 @@ class CameraSettings(Table, frozen=True, kw_only=True):
     blur_px: standard deviation of the lens' blur [px]
     """
 
-    model: Literal["fisheye", "pinhole"] = "fisheye"
+    model: Literal["fisheye", "pinhole"] | None = None
     width_px: Annotated[int, Meta(ge=32, le=8192)]
     height_px: Annotated[int, Meta(ge=32, le=8192)]
     focal_px: tuple[Positive, Positive] | None = None
@@ -240,12 +241,12 @@ class CameraSettings(Table, frozen=True, kw_only=True):
     def build(self) -> Camera:
         """Build the camera."""
         if self.focal_px is None:
-            return load_camera(self.calibration, (self.width_px, self.height_px))
+            return load_camera(self.calibration, (self.width_px, self.height_px), self.model)
         kind: type[FisheyeCamera | PinholeCamera]
-        kind, length = (FisheyeCamera, 4) if self.model == "fisheye" else (PinholeCamera, 5)
+        kind, length = (PinholeCamera, 5) if self.model == "pinhole" else (FisheyeCamera, 4)
         if len(self.distortion) not in (0, length):
             raise UserError(
-                f"camera.distortion of a {self.model} must be {length} numbers, "
+                f"camera.distortion of a {self.model or 'fisheye'} must be {length} numbers, "
                 f"got {len(self.distortion)}"
             )
         return kind(

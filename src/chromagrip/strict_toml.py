@@ -101,6 +101,8 @@ def _plain(message: str, key: str, kind: Any) -> str:
     if message.startswith("Invalid enum value"):
         for part in key.split("."):
             kind = get_type_hints(kind)[part]
+        if type(None) in get_args(kind):  # a key that may be left out
+            kind = get_args(kind)[0]
         return f"allowed: {', '.join(get_args(kind))}"
     if message.startswith("Invalid value "):  # the tag of a union
         *tables, tag = key.split(".")

@@ -19,12 +19,20 @@ from chromagrip import Reader, TactileSensor
 from chromagrip.calibrate import walk as module
 from chromagrip.calibrate.expected_errors import grip_scores, grip_settings, scored
 from chromagrip.calibrate.presses import read_list
-from chromagrip.calibrate.walk import Plan, _reading, walk
+from chromagrip.calibrate.walk import Plan, _reading, _with_lens, walk
 from chromagrip.cli.calibrate import calibrate_walk
 from chromagrip.errors import UserError
 from chromagrip.model import Solid, shapes
 from chromagrip.pictures.still_frames import judge_press, judge_rest, judge_return
-from chromagrip.render import Defects, FisheyeCamera, Frame, SensorDesign, load_sensor, save_camera
+from chromagrip.render import (
+    Defects,
+    FisheyeCamera,
+    Frame,
+    SensorDesign,
+    load_camera,
+    load_sensor,
+    save_camera,
+)
 from chromagrip.sources import Source
 from chromagrip.tracking import load_calibration
 from chromagrip.tracking.forces import (
@@ -335,6 +343,21 @@ def test_a_lens_is_taken_into_the_design(tmp_path: Path, fitted: list[Path]) -> 
     assert known.view.camera == load_sensor(str(out / "sensor.toml")).view.camera
     assert known.silicone == DESIGN.silicone
     assert (out / "lens.yml").read_bytes() == (tmp_path / "lens.yml").read_bytes()
+
+
+def test_a_lens_that_leaves_its_model_open_is_asked_about(tmp_path: Path) -> None:
+    size, matrix = (320, 240), [[150.0, 0, 160.0], [0, 150.0, 120.0], [0, 0, 1]]
+    np.savez(tmp_path / "lens.npz", K=matrix, D=[0.01, 0, 0, 0], image_size=size)
+    sensor, out = design_file(tmp_path, DESIGN), tmp_path / "mine"
+    with pytest.raises(UserError, match=r"does not say whether .* or --camera-model"):
+        Bench(DESIGN).walk(out, sensor, lens=tmp_path / "lens.npz")
+    out.mkdir(exist_ok=True)
+    name = _with_lens(sensor, tmp_path / "lens.npz", "fisheye", out)
+    camera = load_camera(out / "lens.yml")
+    assert isinstance(camera, FisheyeCamera)
+    assert (camera.width, camera.height) == size
+    written = tomllib.loads(Path(name).read_text(encoding="utf-8"))["camera"]
+    assert (written["calibration"], written["width_px"]) == ("lens.yml", 320)
 
 
 def test_what_cannot_be_walked_is_one_sentence(tmp_path: Path, fitted: list[Path]) -> None:

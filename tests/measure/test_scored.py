@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -167,11 +168,97 @@ def test_every_format_says_the_same(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.position, points.position)
 
 
+@pytest.mark.parametrize("mark", ["", "\ufeff"], ids=["plain", "bom"])
+@pytest.mark.parametrize("case", [str, str.upper, str.title])
+def test_tables_of_other_programs_are_read(
+    tmp_path: Path, mark: str, case: Callable[[str], str]
+) -> None:
+    """With trackpy's columns and index, and TrackMate's with three more rows of names and units."""
+    points = seen(moving(), np.random.default_rng(8).random((FRAMES, COUNT)) > 0.1)
+    rows = [
+        (k, number, *points.position[k, number])
+        for k, number in np.argwhere(points.visible).tolist()
+    ]
+    trackpy = [",".join(map(case, ("", "y", "x", "mass", "frame", "particle")))]
+    trackpy += [f"{i},{y},{x},41.5,{k},{n}.0" for i, (k, n, x, y) in enumerate(rows)]
+    trackmate = [
+        ",".join(map(case, ("label", "id", "track_id", "position_x", "position_y", "frame"))),
+        "Label,Spot ID,Track ID,X,Y,Frame",
+        "Label,Spot ID,Track ID,X,Y,Frame",
+        ",,,(pixel),(pixel),",
+    ]
+    trackmate += [f"ID{i},{i},{n},{x},{y},{k}" for i, (k, n, x, y) in enumerate(rows)]
+    trackmate += ["ID900,900,,3.5,4.5,0", "ID901,901,None,3.5,4.5,0"]  # spots in no track
+    bare = [trackmate[0], *trackmate[4:]]  # of a script that writes one row of names
+    for lines in (trackpy, trackmate, bare):
+        path = tmp_path / "theirs.csv"
+        path.write_text(mark + "\n".join(lines) + "\n", encoding="utf-8")
+        found = read_points(path)
+        assert (found.visible == points.visible).all()
+        np.testing.assert_allclose(found.position, points.position)
+    path.write_text("\n".join(trackmate).replace("pixel", "micron"), encoding="utf-8")
+    with pytest.raises(UserError, match="its places are in micron; wanted: pixels"):
+        read_points(path)
+    arrays = {"tracks": np.swapaxes(points.position, 0, 1), "occluded": ~points.visible.T}
+    np.savez(tmp_path / "tap.npz", **{case(name): array for name, array in arrays.items()})
+    assert (read_points(tmp_path / "tap.npz").visible == points.visible).all()
+
+
+def counted_from(points: Points, first: int) -> Points:
+    """The same points with frames of larger numbers."""
+    return Points(
+        names=points.names,
+        position=np.concatenate([np.full((first, COUNT, 2), np.nan), points.position]),
+        visible=np.concatenate([np.zeros((first, COUNT), dtype=bool), points.visible]),
+    )
+
+
+def test_frames_that_are_all_shifted_by_one_are_named() -> None:
+    true = moving()
+    noise = 0.05 * np.random.default_rng(9).standard_normal(true.position.shape)
+    mine = Points(names=true.names, position=true.position + noise, visible=true.visible)
+    still = replace(true, position=np.repeat(true.position[:1], FRAMES, axis=0))
+    lossy = seen(mine, np.random.default_rng(10).random((FRAMES, COUNT)) > 0.5)
+    for tracked, truth, told in (
+        (counted_from(mine, 1), true, "counted from one less, 180 places have a median error of 0"),
+        (counted_from(lossy, 1), true, "counted from one less"),
+        (counted_from(still, 1), still, "counted from one less"),
+        (mine, counted_from(true, 1), "counted from one more"),
+        (
+            replace(true, position=true.position - 2.0),
+            true,
+            "counted from one less",
+        ),  # a frame late
+        (mine, true, None),
+        (lossy, true, None),
+        (still, true, None),
+        (still, still, None),
+        (replace(mine, names=[("", k + 1) for k in range(COUNT)]), true, None),  # any numbers
+    ):
+        doubt = score(tracked, Truth(points=truth)).doubt
+        assert (told in doubt) if told else not doubt, (told, doubt)
+
+
+def test_shifted_frames_are_said_at_the_terminal_and_in_the_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("frame", "marker", "x_px", "y_px")
+    truth = write_csv(tmp_path / "truth.csv", moving(), words)
+    mine = write_csv(tmp_path / "mine.csv", counted_from(moving(), 1), words)
+    out = tmp_path / "out"
+    assert chromagrip(monkeypatch, "score", mine, truth, "--out", out) == 0
+    told = "mine, truth.csv: the frames seem to be shifted by one"
+    assert told in capsys.readouterr().out
+    assert told in (out / "leaderboard.html").read_text(encoding="utf-8")
+    (found,) = json.loads((out / "scores.json").read_text(encoding="utf-8"))["tracks"]
+    assert "counted from one less" in found["doubts"]["truth.csv"]
+
+
 @pytest.mark.parametrize(
     ("name", "text", "told"),
     [
         ("a.txt", "", "expected a file that ends in .parquet, .csv, .npz"),
-        ("a.csv", "frame,x,y\n0,1,2\n", "has no column marker or point or track or id"),
+        ("a.csv", "frame,x,y\n0,1,2\n", "has no column marker or point or particle or"),
         ("a.csv", "frame,id,x,y\n", "has no row"),
         ("a.csv", "frame,id,x,y\n0,1,2,2\n0,2,far,2\n", "a.csv: row 2, column x: 'far' is no num"),
         ("a.csv", "frame,id,x,y\n0,1.5,2,2\n", "row 1, column id: '1.5' is no whole number"),

@@ -257,6 +257,10 @@ def test_ones_own_tracker_and_dots_in_natural_order(
     x = columns["x_px"].reshape(11, len(DOTS))
     shift = np.broadcast_to(0.7 * np.arange(11)[:, None], x.shape)
     np.testing.assert_allclose(x - x[0], shift, atol=0.15)
+    rest = np.stack([columns["rest_x_px"], columns["rest_y_px"]], axis=-1).reshape(11, -1, 2)
+    assert (rest == rest[0]).all()
+    np.testing.assert_allclose(x - rest[..., 0], shift, atol=0.15)
+    np.testing.assert_allclose(rest[0][np.lexsort(rest[0].T)], DOTS[np.lexsort(DOTS.T)], atol=0.15)
     assert np.isnan(columns["var_xx_px2"]).all()  # not measured
 
 

@@ -110,6 +110,20 @@ def test_camera_from_a_calibration_file(tmp_path: Path) -> None:
         load_sensor(changed(tmp_path, own))
 
 
+def test_a_design_says_which_model_a_camera_file_leaves_open(tmp_path: Path) -> None:
+    matrix, four = np.array([[151.0, 0, 321.0], [0, 151.6, 238.0], [0, 0, 1]]), [0.01, 0, 0, 0]
+    np.savez(tmp_path / "lens.npz", mtx=matrix, dist=four)  # the design has the size
+    own = {"camera.calibration": "lens.npz", "camera.focal_px": None, "layout.coverage_deg": 70.0}
+    found = load_sensor(changed(tmp_path, own)).view.camera
+    assert isinstance(found, FisheyeCamera)
+    assert found.distortion == tuple(four)
+    with pytest.raises(UserError, match=r"does not say whether .* give camera.model in the design"):
+        load_sensor(changed(tmp_path, own | {"camera.model": None}))
+    np.savez(tmp_path / "lens.npz", mtx=matrix, dist=four, distortion_model="plumb_bob")
+    with pytest.raises(UserError, match="its lens is a pinhole, not a fisheye"):
+        load_sensor(changed(tmp_path, own))
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

@@ -35,6 +35,7 @@ def training_key(sensor: SensorDesign, fingertip: Fingertip) -> bytes:
     design["skin"].pop("stiffness_deviation", None)
     if "path" in design["layout"]:
         design["layout"]["path"] = sensor.places.round(_DIGITS).tolist()
+    design["camera"]["model"] = sensor.camera.model or "fisheye"  # as long as it had that default
     if sensor.camera.calibration:
         camera: Any = sensor.view.camera
         design["camera"]["calibration"] = asdict(camera)

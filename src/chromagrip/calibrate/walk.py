@@ -25,7 +25,7 @@ from ..folders import LOCK, filling, make_folder, write_whole
 from ..output.png import encode_png
 from ..output.versions import versions
 from ..pictures.still_frames import judge_press, judge_rest, judge_return
-from ..render import Frame, SensorDesign, load_camera, load_sensor
+from ..render import Frame, SensorDesign, load_camera, load_sensor, save_camera
 from ..sensing.reader import Reader
 from ..sources import Source, open_source
 from ..sources.picture_files import read_picture
@@ -72,6 +72,7 @@ def walk(
     ask: Callable[[str], str],
     tell: Callable[[str], None],
     lens: Path | None = None,
+    camera_model: str | None = None,
     fps: float | None = None,
     plan: Plan = Plan(),
 ) -> dict[str, Any]:
@@ -88,7 +89,7 @@ def walk(
     sensor: name or file of the design to start from
     ask: function called with a question, returns the answer; an `EOFError` ends the walk
     tell: function called with a sentence, on what is wrong or on the current step
-    lens: calibration file of the camera, in place of that of the design
+    lens, camera_model: camera file in place of the design's lens; its model if it is open there
     fps: rate of a source that has none of its own [Hz]
     plan: presses to take
 
@@ -104,7 +105,7 @@ def walk(
     source = _camera(source, fps)
     make_folder(out)
     with filling(out), _keeping(out, lens):
-        name = sensor if lens is None else _with_lens(sensor, lens, out)
+        name = sensor if lens is None else _with_lens(sensor, lens, camera_model, out)
         design = _silicone_design(name, sensor)
         bench = _Bench(source, design, ask, tell)
         bench.begin(out, plan.presses)
@@ -175,9 +176,9 @@ def _rest_paths(out: Path) -> list[Path]:
     return [out / f"rest-{k}.png" for k in range(_TAKEN)]
 
 
-def _with_lens(sensor: str, lens: Path, out: Path) -> str:
-    """File of the design with another lens, written beside a copy of the lens."""
-    camera, design = load_camera(lens), load_sensor(sensor)
+def _with_lens(sensor: str, lens: Path, camera_model: str | None, out: Path) -> str:
+    """File of the design with another lens, written beside our own file of the lens."""
+    camera, design = load_camera(lens, model=camera_model), load_sensor(sensor)
     table = {k: v for k, v in msgspec.to_builtins(design).items() if v is not None}
     table["camera"] = {
         "calibration": _LENS,
@@ -188,7 +189,7 @@ def _with_lens(sensor: str, lens: Path, out: Path) -> str:
     }
     if path := table["layout"].get("path"):
         table["layout"]["path"] = str(Path(path).resolve())
-    write_whole(out / _LENS, lens.read_bytes())
+    save_camera(camera, out / _LENS)
     write_whole(out / _DESIGN, tomli_w.dumps(table).encode())
     return str(out / _DESIGN)
 

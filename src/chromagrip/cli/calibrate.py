@@ -186,7 +186,16 @@ def calibrate_walk(
         Path, option("folder of pictures and results; an unfinished one is continued", "DIR")
     ],
     lens: Annotated[
-        Path | None, option("file of `calibrate camera`; by default the design's lens", "FILE.yml")
+        Path | None,
+        option(
+            "camera file of `calibrate camera`, OpenCV, ROS, Kalibr or NumPy; by default the "
+            "design's lens",
+            "FILE",
+        ),
+    ] = None,
+    camera_model: Annotated[
+        Literal["fisheye", "pinhole"] | None,
+        option("model of a --lens whose file leaves it open", "fisheye|pinhole"),
     ] = None,
     presses: Annotated[int, option("number of presses for the fit", "N")] = 6,
     lowest_n: Annotated[float, option("force of the lightest press in N", "N")] = 0.5,
@@ -224,7 +233,15 @@ def calibrate_walk(
     plan = Plan(presses=presses, forces=(lowest_n, highest_n), scale_error=scale_error)
     with going_on(out, "rest-0.png"):
         summary = walk(
-            source, out, sensor=sensor, ask=ask, tell=tell, lens=lens, fps=fps, plan=plan
+            source,
+            out,
+            sensor=sensor,
+            ask=ask,
+            tell=tell,
+            lens=lens,
+            camera_model=camera_model,
+            fps=fps,
+            plan=plan,
         )
     print(json.dumps(summary) if json_only else f"{summary['sentence']}\n{out / SUMMARY}")
     return 0 if summary["go"] else 1

@@ -26,6 +26,8 @@ TRACKS: Columns = {
     "marker": ("int32", "number of the marker; layers share it that lie on each other at rest"),
     "x_px": ("float64", "middle of the marker's image, rightwards, pixel centres at integers"),
     "y_px": ("float64", "middle of the marker's image, downwards"),
+    "rest_x_px": ("float64", "x_px of the marker at rest"),
+    "rest_y_px": ("float64", "y_px of the marker at rest"),
     "log_size": ("float64", "natural logarithm of the size over the size at rest"),
     "hue_deg": ("float64", "mean hue over the first layer's marker [°], in that layer's rows"),
     "visible": ("bool", "found in this frame"),
@@ -225,10 +227,12 @@ class TrackTable(_Table):
     ----------
     path: of the file
     layers: names of the palette's layers
+    rest: position of each marker at rest [px], shape (L, M, 2); NaN where it is not known
     """
 
-    def __init__(self, path: Path, layers: tuple[str, ...]) -> None:
+    def __init__(self, path: Path, layers: tuple[str, ...], rest: NDArray[np.float64]) -> None:
         super().__init__(path, TRACKS, layers)
+        self._rest = rest.reshape(-1, 2)
         # One buffer a column for a whole row group: kept small pieces would lie between the large
         # pictures of a video on the heap, and their memory could not be used again.
         self._columns: dict[str, NDArray[Any]] = {}
@@ -259,6 +263,8 @@ class TrackTable(_Table):
         fields: dict[str, Any] = {
             "frame": index,
             "time_s": tracks.time,
+            "rest_x_px": self._rest[:, 0],
+            "rest_y_px": self._rest[:, 1],
             "layer": np.repeat(np.arange(layers), markers),
             "marker": np.tile(np.arange(markers), layers),
             "visible": tracks.visible.ravel(),

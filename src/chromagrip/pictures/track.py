@@ -148,7 +148,8 @@ def _open_files(opened: Opened, out: Path | None, files: ExitStack) -> Add:
         return lambda index, frame, tracks, came: None
     draw = TrackDrawing(opened.palette, opened.start, opened.resting)
     path = out / f"tracks{table_suffix('.csv')}"
-    table = files.enter_context(TrackTable(path, opened.palette.names))
+    rest = opened.fitted.original(opened.resting.position)
+    table = files.enter_context(TrackTable(path, opened.palette.names, rest))
     video = open_overlay(out, opened.source.fps, files)
 
     def add(index: int, frame: Frame, tracks: Tracks, _: Came) -> None:

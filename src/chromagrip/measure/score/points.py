@@ -3,7 +3,7 @@
 import csv
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,12 @@ from ...strange_files import array_names, read_arrays, shortened
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Names that a column may have.
+#: Names that a column may have, in any case: ours, trackpy's, TrackMate's; the first counts.
 _COLUMNS = {
     "frame": ("frame", "frame_number", "t"),
-    "point": ("marker", "point", "track", "id"),
-    "x": ("x_px", "x"),
-    "y": ("y_px", "y"),
+    "point": ("marker", "point", "particle", "track_id", "track", "id"),
+    "x": ("x_px", "x", "position_x"),
+    "y": ("y_px", "y", "position_y"),
     "layer": ("layer",),
     "visible": ("visible",),
 }
@@ -74,9 +74,11 @@ class Points:
 def read_points(path: Path, kind: str = "tracks", most: int = MOST_ROWS) -> Points:
     """Points of a Parquet or CSV file with a row for each frame and point, or of TAP-Vid's NumPy.
 
-    Columns are `frame`, `marker` (or `point`, `track`, `id`), `x_px` and `y_px` (or `x` and `y`)
-    and, if there are any, `layer` and `visible`. A NumPy file has `tracks` (N, F, 2) [px],
-    `visibles` or `occluded` (N, F) and, if there are any, names `layer` (N,).
+    Columns are `frame`, `marker` (or `point`, `particle`, `track_id`, `track`, `id`), `x_px` and
+    `y_px` (or `x` and `y`, `position_x` and `position_y`) and, if there are any, `layer` and
+    `visible`, in any case. Rows of TrackMate's spots that are in no track are left out. A NumPy
+    file has `tracks` (N, F, 2) [px], `visibles` or `occluded` (N, F) and, if there are any, names
+    `layer` (N,).
 
     Parameters
     ----------
@@ -108,11 +110,13 @@ def read_points(path: Path, kind: str = "tracks", most: int = MOST_ROWS) -> Poin
 
 
 def _from_arrays(path: Path, most: int) -> Points:
-    there = set(array_names(path))
+    there = {name.lower(): name for name in array_names(path)}
     seen = "visibles" if "visibles" in there else "occluded"
-    if not {"tracks", seen} <= there:
+    if not {"tracks", seen} <= set(there):
         raise UserError("it has no arrays tracks and visibles, or occluded")
-    found = read_arrays(path, ("tracks", seen, *({"layer"} & there)), 2 * most)
+    own = {name: there[name] for name in ("tracks", seen, "layer") if name in there}
+    arrays = read_arrays(path, own.values(), 2 * most)
+    found = {name: arrays[key] for name, key in own.items()}
     for name in ("tracks", seen):
         if found[name].dtype.kind not in "biuf":
             raise UserError(f"its array {name} holds {found[name].dtype}, expected numbers")
@@ -137,10 +141,11 @@ def _from_arrays(path: Path, most: int) -> Points:
 def _called(names: Iterable[str]) -> dict[str, str]:
     """Name of each column of _COLUMNS that a table has."""
     names = list(names)
+    there = {name.strip().lower(): name for name in names} | {name: name for name in names}
     called = {
-        name: column
+        name: there[column]
         for name, choices in _COLUMNS.items()
-        if (column := next((c for c in choices if c in names), None))
+        if (column := next((c for c in choices if c in there), None))
     }
     for name in _NEEDED:
         if name not in called:
@@ -171,16 +176,37 @@ def _parquet_parts(path: Path, most: int) -> Iterator[tuple[dict[str, str], Rows
 
 def _csv_parts(path: Path) -> Iterator[tuple[dict[str, str], Rows]]:
     """Yield some rows at a time, with the names of their columns."""
-    with path.open(newline="", encoding="utf-8") as file:
+    with path.open(newline="", encoding="utf-8-sig") as file:
         reader, start = csv.reader(file), 0
         names = next(reader, [])
         called, place = _called(names), {name: k for k, name in enumerate(names)}
-        while rows := [row for row in islice(reader, _PART) if row]:
+        spots = called["x"].lower() == "position_x"
+        body = _spots(reader, place[called["x"]], place[called["point"]]) if spots else reader
+        while rows := [row for row in islice(body, _PART) if row]:
             for k, row in enumerate(rows):
                 if len(row) != len(names):
                     raise UserError(f"row {start + k + 1} has not {len(names)} values")
             start += len(rows)
             yield called, {key: [row[place[own]] for row in rows] for key, own in called.items()}
+
+
+def _spots(rows: Iterator[list[str]], x: int, track: int) -> Iterator[list[str]]:
+    """Rows of TrackMate's spots that are in a track, without its rows of long names and units.
+
+    Parameters
+    ----------
+    rows: those below the first line of the table
+    x, track: columns of POSITION_X and TRACK_ID
+    """
+    head = list(islice(rows, 3))
+    if head and head[0][x : x + 1] == ["X"]:
+        unit = "".join(head[-1][x : x + 1]).strip(" ()").lower()
+        if unit not in ("", "pixel", "pixels"):
+            raise UserError(
+                f"its places are in {unit}; wanted: pixels, as of a picture without scale"
+            )
+        head = []
+    return (row for row in chain(head, rows) if row[track : track + 1] not in ([""], ["None"]))
 
 
 def _from_parts(parts: Iterable[tuple[dict[str, str], Rows]], most: int) -> Points:

@@ -59,6 +59,7 @@ class Outcome:
     sequences: scores of each sequence
     cases: of the recipe, by sequence; empty where there are none
     refused: sequences whose markers all count as lost, as the tracker cannot follow them; and why
+    doubts: sequences whose frames seem to be shifted, and a sentence on it
     worst: picture of the worst frames; None where the truth has no pictures
     """
 
@@ -69,6 +70,7 @@ class Outcome:
     worst: Image | None
     cases: dict[str, str] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)
+    doubts: dict[str, str] = field(default_factory=dict)
 
 
 def score_tracks(
@@ -174,6 +176,7 @@ def _outcome(
     """Scores of one maker's tracks, and its worst frames that have pictures."""
     found: dict[str, dict[str, float]] = {}
     cases: dict[str, str] = {}
+    doubts: dict[str, str] = {}
     frames: list[tuple[float, Named, Scored, int]] = []
     for named in named_truths:
         tell(f"{name}, {named.name}")
@@ -185,6 +188,7 @@ def _outcome(
                 scored = score(points, named.truth)
         found[named.name] = scored.scores
         cases |= {named.name: named.case} if named.case else {}
+        doubts |= {named.name: scored.doubt} if scored.doubt else {}
         frames += [(bad, named, scored, k) for k, bad in enumerate(_badness(named, scored))]
         frames = sorted(frames, key=lambda entry: -entry[0])[:_WORST]
     outcome = Outcome(
@@ -194,6 +198,7 @@ def _outcome(
         sequences=found,
         cases=cases,
         refused=refused,
+        doubts=doubts,
         worst=None,
     )
     return outcome, [(named, scored, k) for _, named, scored, k in frames if named.pictures]
@@ -324,8 +329,13 @@ def interval_note(outcomes: Sequence[Outcome]) -> str:
 
 
 def refusals(outcomes: Sequence[Outcome]) -> list[str]:
-    """A sentence for each tracker that cannot follow some sequences."""
-    return [
+    """Sentences on frames that do not fit, and on trackers that cannot follow some sequences."""
+    doubts = [
+        f"{outcome.name}, {', '.join(outcome.doubts)}: {next(iter(outcome.doubts.values()))}"
+        for outcome in outcomes
+        if outcome.doubts
+    ]
+    return doubts + [
         f"{outcome.name} cannot follow {', '.join(outcome.refused)}, whose markers count as lost: "
         f"{next(iter(outcome.refused.values()))}"
         for outcome in outcomes
@@ -345,6 +355,7 @@ def as_json(outcomes: Sequence[Outcome], truth: Path) -> dict[str, object]:
             },
             "cases": outcome.cases,
             "refused": outcome.refused,
+            "doubts": outcome.doubts,
             "sequences": {name: _plain(scores) for name, scores in outcome.sequences.items()},
         }
         for outcome in outcomes
@@ -365,7 +376,7 @@ def _write(outcomes: Sequence[Outcome], truth: Path, out: Path) -> None:
             name="means",
             title="Means",
             picture=Markup(),
-            sentence=interval_note(outcomes),
+            sentence=" ".join([interval_note(outcomes), *refusals(outcomes)]),
             tables=(score_table(outcomes), *case_tables(outcomes)),
         )
     ]

@@ -78,11 +78,13 @@ class Scored:
         was followed
     error: of true points that are visible and reported [px], shape (F, N, 2)
     at: where true points are reported [px], shape (F, N, 2)
+    doubt: sentence on frames that seem to be counted from another number; empty if there is none
     """
 
     scores: dict[str, float]
     error: Array
     at: Array
+    doubt: str = ""
 
 
 def score(tracked: Points, truth: Truth) -> Scored:
@@ -103,12 +105,9 @@ def score(tracked: Points, truth: Truth) -> Scored:
             "none of the tracked points is where a point of the truth is: are the frames the same?"
         )
     known, shared = numbers >= 0, min(frames, len(tracked.position))
+    own = _seen(tracked)[:, numbers[known]]
     at = np.full((frames, count, 2), np.nan)
-    at[:shared, known] = np.where(
-        tracked.visible[:shared, numbers[known], None],
-        tracked.position[:shared, numbers[known]],
-        np.nan,
-    )
+    at[:shared, known] = own[:shared]
     reported = np.isfinite(at).all(axis=2)
     error = np.where((reported & true.visible)[..., None], at - true.position, np.nan)
     strangers = int(tracked.visible[:shared].sum() - reported[:shared].sum())
@@ -118,7 +117,43 @@ def score(tracked: Points, truth: Truth) -> Scored:
     wrong = int((reported & ~true.visible).sum()) + strangers
     result["false"] = 100.0 * wrong / max(wrong + int((reported & true.visible).sum()), 1)
     result["swaps"] = float(_swapped(at, true).sum())
-    return Scored(scores=result | _tap(error, reported, true.visible), error=error, at=at)
+    return Scored(
+        scores=result | _tap(error, reported, true.visible),
+        error=error,
+        at=at,
+        doubt=_shifted(own, _seen(true)[:, known]),
+    )
+
+
+def _seen(points: Points) -> Array:
+    """Places of points [px], shape (F, N, 2); NaN where they are not visible."""
+    return np.where(points.visible[..., None], points.position, np.nan)
+
+
+def _shifted(own: Array, truth: Array) -> str:
+    """Sentence on tracks whose frames fit the truth better by one earlier or later, or nothing.
+
+    Such tracks are closer by half, or are as close and in more frames.
+
+    Parameters
+    ----------
+    own, truth: places of the same points [px], shapes (F, N, 2) and (G, N, 2); NaN where not seen
+    """
+    found = {}
+    for shift in (0, 1, -1):
+        pairs = zip(own[max(0, shift) :], truth[max(0, -shift) :], strict=False)
+        off = np.concatenate([np.linalg.norm(a - b, axis=1) for a, b in pairs] or [np.empty(0)])
+        off = off[np.isfinite(off)]
+        found[shift] = (len(off), float(np.median(off)) if len(off) else np.inf)
+    count, error = found[0]
+    for shift, (others, less) in found.items():
+        if (others > count and less <= error) or (2 * others > count and less < 0.5 * error):
+            return (
+                "the frames seem to be shifted by one: counted from one "
+                f"{'less' if shift > 0 else 'more'}, {others} places have a median error of "
+                f"{less:.2g} px, as they are {count} places {error:.2g} px"
+            )
+    return ""
 
 
 def score_nothing(truth: Truth) -> Scored:
