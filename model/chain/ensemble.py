@@ -64,6 +64,12 @@ class Ensemble:
         """Number of fingertips."""
         return len(self.pose)
 
+    def take(self, rows: Sequence[int]) -> "Ensemble":
+        """Some of the fingertips, in this order; they may repeat."""
+        picked = np.asarray(rows)
+        parts = self.nodes, self.friction, self.slip_rate, self.pose, self.rate
+        return _stepped(self.time, tuple(part[picked] for part in parts), self.step)
+
     def state(self, index: int) -> State:
         """State of one fingertip."""
         return state_of(
@@ -75,6 +81,26 @@ class Ensemble:
             self.rate[index],
             self.step,
         )
+
+
+def _copied(ensemble: Ensemble) -> tuple[Array, ...]:
+    """Copies of what kernels step in place: displacements, friction, slip rate, pose and rates."""
+    parts = ensemble.nodes, ensemble.friction, ensemble.slip_rate, ensemble.pose, ensemble.rate
+    return tuple(part.copy() for part in parts)
+
+
+def _stepped(time: float, parts: tuple[Array, ...], step: float) -> Ensemble:
+    """Ensemble at a time [s] of parts as of `_copied`, after a step [s]."""
+    nodes, friction, slip_rate, pose, rate = parts
+    return Ensemble(
+        time=time,
+        nodes=nodes,
+        pose=pose,
+        friction=friction,
+        slip_rate=slip_rate,
+        rate=rate,
+        step=step,
+    )
 
 
 def rest_ensemble(fingertip: Fingertip, count: int) -> Ensemble:
@@ -142,16 +168,7 @@ def step_many(
         raise UserError("an ensemble takes objects of one friction each, not patches")
     ch = chain(fingertip)
     contacts = np.array([contact(fingertip, obj)[:8] for obj in objects])
-    y = tuple(
-        part.copy()
-        for part in (
-            ensemble.nodes,
-            ensemble.friction,
-            ensemble.slip_rate,
-            ensemble.pose,
-            ensemble.rate,
-        )
-    )
+    y = _copied(ensemble)
 
     def run(part: slice) -> None:
         w, begin, stop = scratch(fingertip.nodes), part.start, part.stop
@@ -182,16 +199,7 @@ def step_many(
     else:
         with ThreadPoolExecutor(len(parts)) as pool:
             list(pool.map(run, parts))
-    nodes, friction, slip_rate, pose, rate = y
-    return Ensemble(
-        time=ensemble.time + dt * goals.shape[1],
-        nodes=nodes,
-        pose=pose,
-        friction=friction,
-        slip_rate=slip_rate,
-        rate=rate,
-        step=dt,
-    )
+    return _stepped(ensemble.time + dt * goals.shape[1], y, dt)
 
 
 @njit()
@@ -278,33 +286,14 @@ def place_many(
     -------
     States, and which of them were found (B,); the others are of a shorter motion.
     """
-    out = [
-        part.copy()
-        for part in (
-            ensemble.nodes,
-            ensemble.friction,
-            ensemble.slip_rate,
-            ensemble.pose,
-            ensemble.rate,
-        )
-    ]
+    y = _copied(ensemble)
     solved = np.empty(len(poses), np.bool_)
     memory = _memory(copies.chain.rest.shape[0])
     _place_many(
-        copies.chain, copies.contacts, copies.membrane, memory, *out, dt, ensemble.step, _HELD,
+        copies.chain, copies.contacts, copies.membrane, memory, *y, dt, ensemble.step, _HELD,
         np.ascontiguousarray(poses, dtype=float), _ROUGHLY, NO_RECORD, solved,
     )  # fmt: skip
-    nodes, friction, slip_rate, pose, rate = out
-    placed = Ensemble(
-        time=ensemble.time + dt,
-        nodes=nodes,
-        pose=pose,
-        friction=friction,
-        slip_rate=slip_rate,
-        rate=rate,
-        step=dt,
-    )
-    return placed, solved
+    return _stepped(ensemble.time + dt, y, dt), solved
 
 
 @njit()

@@ -72,7 +72,7 @@ class LearnedSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class WaySettings:
-    """Tuned parameters of the fit along the way; constants are in the order of `way.CONSTANTS`.
+    """Tuned parameters of the fit along the way; constants are in the order of `way_fit.CONSTANTS`.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class WaySettings:
     touched: mean square of the whitened shifts above which something touches
     moved: root mean square of the whitened motion since the last frame above which a frame counts
     still: number of frames of which one counts though nothing moves
-    quiet: that of noise alone
+    quiet: such a motion of noise alone
     full: motion at which a frame has its full weight, and weight of one without motion
     least: see `full`
     move: standard deviation of a motion from frame to frame, rigid part and object [m]
@@ -114,6 +114,7 @@ class WaySettings:
     sums_free, sums_limit: deviation up to which it is explained, and largest that counts [errors]
     sums_weight: weight of the sums in a frame
     first_frames, first_force: least number of frames, and ΣFn [N], from which a search starts
+    light: force, as a share of the largest so far, at which a frame counts a quarter
     gain, gain_share: least decrease of the sum of squares for which the way is followed again, and
         the same as a share of the sum
     near: spread of the copies after a short step

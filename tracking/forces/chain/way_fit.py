@@ -8,7 +8,6 @@ springs of a chain snap from node to node, and slopes over a finite distance smo
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -128,13 +127,11 @@ class Quadratic:
     ----------
     step: from copy 0 to the minimum [spreads], shape (F,)
     gain: decrease of the sum on the way there
-    covariance: of the free constants [spreads²], shape (F, F)
     weights: of the copies in the regression on 1 and the free constants, shape (B, 1 + F)
     """
 
     step: Array
     gain: float
-    covariance: Array
     weights: Array
 
 
@@ -326,7 +323,7 @@ class WayFit:
         """Residuals of copy 0 at K positions, (K, V·W + 2), and which of them have a solution."""
         rows = [0] * len(poses)
         copies = way.copies.take(rows)
-        placed, solved = place_many(copies, _taken(way.ensemble, rows), poses, frame.dt)
+        placed, solved = place_many(copies, way.ensemble.take(rows), poses, frame.dt)
         return self._left(frame, copies, placed), solved
 
     def _linear(
@@ -379,7 +376,6 @@ class WayFit:
         return Quadratic(
             step=step,
             gain=-float(gradient @ step),
-            covariance=np.linalg.inv(information),
             weights=weights,
         )
 
@@ -437,18 +433,4 @@ def _object(constants: Array) -> ContactObject:
         stiffness=math.exp(stiffness),
         dahl_stiffness=math.exp(bristle),
         dahl_exponent=exponent,
-    )
-
-
-def _taken(ensemble: Ensemble, rows: Sequence[int]) -> Ensemble:
-    """Some of the states, in this order."""
-    picked = np.asarray(rows)
-    return Ensemble(
-        time=ensemble.time,
-        nodes=ensemble.nodes[picked],
-        pose=ensemble.pose[picked],
-        friction=ensemble.friction[picked],
-        slip_rate=ensemble.slip_rate[picked],
-        rate=ensemble.rate[picked],
-        step=ensemble.step,
     )

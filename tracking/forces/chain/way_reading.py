@@ -72,7 +72,7 @@ class WayReading:
         self._way = Way(fit=self._fit)
         self._last: Shifts | None = None
         self._before: Shifts | None = None
-        self._time, self._still, self._moved = 0.0, 0, 0.0
+        self._time, self._still = 0.0, 0
 
     def update(self, tracks: Tracks) -> ForceField:
         """Estimate the force field of a frame.
@@ -117,7 +117,7 @@ class WayReading:
         if float(shifts.seen @ shifts.seen) < settings.touched * shifts.count:
             self._forget()
             return
-        self._moved = _places_moved(self._before, shifts)
+        moved = _places_moved(self._before, shifts)
         self._before = shifts
         motion = math.inf if last is None else _motion(last, shifts)
         self._still += 1
@@ -132,7 +132,7 @@ class WayReading:
             sums = np.array([field.total_normal, field.total_friction])
             friction = field.friction_reading.value
             self._turn(field)
-        frame = WayFrame(dt=dt, shifts=shifts, weight=weight, motion=self._moved, sums=sums)
+        frame = WayFrame(dt=dt, shifts=shifts, weight=weight, motion=moved, sums=sums)
         self._way.add(frame, friction)
 
     def _turn(self, field: ForceField) -> None:
