@@ -268,14 +268,14 @@ def times(
         }
         for _ in range(1 + turns):  # the first turn compiles
             for name, one_per_scene in readers.items():
+                most = READ[reads_of(name)[-1]]
                 begin = time.perf_counter()
                 for reader, scene in zip(one_per_scene, scenes, strict=True):
                     reader.reset()
-                    for tracks in scene.tracks[-READ[reads_of(name)[-1]] :]:
+                    for tracks in scene.tracks[-most:]:
                         with suppress(NoEstimateError):
                             reader.update(tracks)
                 passed = time.perf_counter() - begin
-                most = READ[reads_of(name)[-1]]
                 frames = sum(min(most, len(scene.tracks)) for scene in scenes)
                 spent[name].append(1e3 * passed / frames)
     return {name: all_turns[1:] for name, all_turns in spent.items()}
