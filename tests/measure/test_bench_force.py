@@ -336,8 +336,8 @@ def test_rows_have_stable_names_and_targets_are_asked_of_the_best_alone(
     monkeypatch.setattr(
         bench_force, "BEST", dict.fromkeys(("single", "0.1s"), "users_readers:Told")
     )
-    monkeypatch.setattr(bench_force, "scenes", lambda *_: [scene])
-    monkeypatch.setattr(force_sets, "scenes", lambda *_: [scene])
+    monkeypatch.setattr(bench_force, "scenes", lambda *_, **__: [scene])
+    monkeypatch.setattr(force_sets, "scenes", lambda *_, **__: [scene])
     monkeypatch.setattr(bench_force, "beyond_counts", lambda *_: {})
     names = ("users_readers:Told", "users_readers:Refusing")
     report = measure("bench", "force", Asked(quick=True, methods=names), workers=1)

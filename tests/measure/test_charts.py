@@ -29,7 +29,6 @@ from chromagrip.measure.charts.loop import settings as settings_of_the_loop
 from chromagrip.measure.charts.page import write_chart
 from chromagrip.measure.engine import measure
 from chromagrip.measure.study import Asked, studies
-from chromagrip.measure.worlds import force_scores
 from chromagrip.measure.worlds.dome.readings import Reading
 from chromagrip.measure.worlds.dome.sets import DomeResult, by_set
 from chromagrip.measure.worlds.force_scores import Answers
@@ -223,15 +222,25 @@ def test_a_chart_has_errors_beside_the_constant_and_the_limit() -> None:
     said = Answers(value=value, interval=np.stack([value] * 2, axis=-1), flagged=true[:, 0] < 0.0)
     found = Measured(
         true=true,
-        answers={read: {"sequential": said} for read in force_scores.READ},
-        limit={"single": 0.01 * true, "0.1s": np.full(true.shape, 0.005)},
+        answers={
+            "single": {"sequential": said},
+            "0.1s": {"sequential": said},
+            "way": {"way": replace(said, value=true)},
+        },
+        limit={
+            "single": 0.01 * true,
+            "0.1s": np.full(true.shape, 0.005),
+            "way": np.full(true.shape, np.nan),
+        },
     )
     task = GraspTask(world="matched", kind=LIBRARY, index=0, reconstructors={}, limited=True)
-    times = Speed({}, 3), [("sequential", [1.0, 2.0, 4.0])]
-    chart = chart_force._chart([(task, found), times], {"sequential": "sequential"}, 1)
+    times = Speed({}, 3), [("sequential", [1.0, 2.0, 4.0]), ("way", [8.0, 9.0, 9.0])]
+    names = {"sequential": "sequential", "way": "way"}
+    chart = chart_force._chart([(task, found), times], names, 1)
     rows = {row.name: row.value for row in chart.rows()}
     assert rows["force/sequential/time"] == 2.0
     assert rows["force/sequential/single/margin_rms"] == pytest.approx(0.02)
+    assert rows["force/way/0.1s/margin_rms"] == rows["force/way/single/margin_rms"] == 0.0
     assert rows["force/constant/0.1s/margin_rms"] == pytest.approx(true[:, 3].std())
     assert rows["force/limit/single/normal_rms"] == pytest.approx(1.0)
     assert rows["force/limit/0.1s/margin_rms"] == pytest.approx(0.005)

@@ -10,7 +10,7 @@ from ...tracking.forces import DOME_METHODS
 from ..bench.force import BEST, Speed, Times, force_words, measure_force
 from ..bench.force_sets import GraspTask, Measured, choose, joined, tasks
 from ..study import Asked, Results, Study, study
-from ..worlds.force_scores import CONSTANT, READ, UNITS, constant, scores
+from ..worlds.force_scores import CONSTANT, UNITS, constant, reads_of, scores
 from ..worlds.grasps import LIBRARY
 from .chart import CONSTANT_TOLD, Axis, Chart, Point
 from .page import chart_study
@@ -21,6 +21,8 @@ _QUICK_GRASPS = 8
 #: Repeats of the timing, and those of a quick run.
 _TURNS = 6
 _QUICK_TURNS = 3
+#: Reads that are drawn; a contact that is followed has one answer for both.
+_READS = ("single", "0.1s")
 #: Errors that are drawn, and their labels.
 _ERRORS = {"normal_rms": "ΣFn, RMS error [%]", "margin_rms": "Γ, RMS error"}
 
@@ -51,10 +53,7 @@ def _chart(
     found = [one for _, one in results if isinstance(one, Measured)]
     measured = joined(found)
     spent = dict(next(one for _, one in results if not isinstance(one, Measured)))
-    known = {
-        name: {read: scores(measured.answers[read][name], measured.true) for read in READ}
-        for name in names
-    }
+    known = {name: _scores(measured, name) for name in names}
     axes = [
         Axis(
             key=f"{read}/{score}",
@@ -65,7 +64,7 @@ def _chart(
                 "limit": _limit(measured, read, score),
             },
         )
-        for read in READ
+        for read in _READS
         for score, label in _ERRORS.items()
     ]
     points = [
@@ -73,7 +72,7 @@ def _chart(
             name=name,
             times=spent[name],
             errors={
-                f"{read}/{score}": known[name][read][score] for read in READ for score in _ERRORS
+                f"{read}/{score}": known[name][read][score] for read in _READS for score in _ERRORS
             },
             ours=name in BEST.values(),
             settings=f"tracks of the default tracker, {grasps} random grasps; "
@@ -85,6 +84,14 @@ def _chart(
     title = f"Reconstructors: sensor thesis, 640×480, noise of 2 levels, {grasps} random grasps"
     levels = {CONSTANT: CONSTANT_TOLD, "limit": "least error that the picture allows"}
     return Chart(part="force", title=title, per="field", points=points, axes=axes, levels=levels)
+
+
+def _scores(measured: Measured, name: str) -> dict[str, dict[str, float]]:
+    """Scores of a reconstructor by the read that is drawn."""
+    read = {read: read if read in reads_of(name) else reads_of(name)[-1] for read in _READS}
+    return {
+        drawn: scores(measured.answers[own][name], measured.true) for drawn, own in read.items()
+    }
 
 
 def _limit(measured: Measured, read: str, score: str) -> float:
