@@ -28,6 +28,7 @@ from .options import (
     Rest,
     SourceName,
     TrackerName,
+    ValueRange,
     check_file,
     check_least,
     counting,
@@ -77,6 +78,7 @@ def detect(
     ] = None,
     overwrite: Annotated[Flag, option("overwrite earlier files")] = False,
     max_megapixels: MaxMegapixels = MEGAPIXELS,
+    value_range: ValueRange = None,
     json_only: Annotated[
         Flag, option("print one JSON object with every marker", name="json")
     ] = False,
@@ -94,7 +96,9 @@ def detect(
     from ..pictures.find_sensor import save_palette as save_palette_file
     from ..pictures.marker_list import list_markers
 
-    found = list_markers(image, palette, _within(crop, mask, max_megapixels), max_megapixels)
+    levels = _levels(value_range)
+    within = _within(crop, mask, max_megapixels, levels)
+    found = list_markers(image, palette, within, max_megapixels, levels)
     if out is not None:
         _save_picture(found, out)
     if save_palette is not None:
@@ -126,17 +130,35 @@ def detect(
     return 0
 
 
-def _within(crop: str | None, mask: Path | None, max_megapixels: float) -> "Within":
+def _levels(value_range: str | None) -> tuple[float, float] | None:
+    """Values of black and white of pictures with more than 8 bits."""
+    if value_range is None:
+        return None
+    try:
+        black, white = map(float, value_range.split(","))
+    except ValueError:
+        black = white = math.nan
+    if not -math.inf < black < white < math.inf:
+        raise UserError(f"--value-range {value_range}: expected BLACK,WHITE, such as 0,65535")
+    return black, white
+
+
+def _within(
+    crop: str | None,
+    mask: Path | None,
+    max_megapixels: float,
+    levels: tuple[float, float] | None,
+) -> "Within":
     from ..pictures.find_sensor import Within
 
     if crop is None:
-        return Within(mask=mask, max_megapixels=max_megapixels)
+        return Within(mask=mask, max_megapixels=max_megapixels, value_range=levels)
     parts = crop.split(",")
     if len(parts) != 4 or not all(part.strip().isdecimal() for part in parts):
         raise UserError(f"--crop {crop}: expected left,top,width,height in pixels")
     left, top, width, height = map(int, parts)
     part = (left, top, width, height)
-    return Within(crop=part, mask=mask, max_megapixels=max_megapixels)
+    return Within(crop=part, mask=mask, max_megapixels=max_megapixels, value_range=levels)
 
 
 def _save_picture(found: "Picture", path: Path) -> None:
@@ -165,6 +187,7 @@ def track(
     out: Out = None,
     overwrite: Overwrite = False,
     max_megapixels: MaxMegapixels = MEGAPIXELS,
+    value_range: ValueRange = None,
     json_only: JsonOnly = False,
 ) -> int:
     """Follow the markers of a sensor through pictures, a video or a camera's frames.
@@ -176,6 +199,7 @@ def track(
     """
     check_least(noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
     check_least(max_megapixels=(max_megapixels, 0.0))
+    levels = _levels(value_range)
     if out is None and not json_only:
         out = new_folder(f"track-{stem_of(source)}")
 
@@ -186,7 +210,7 @@ def track(
             rest,
             source,
             palette=palette,
-            within=_within(crop, mask, max_megapixels),
+            within=_within(crop, mask, max_megapixels, levels),
             tracker=tracker,
             noise=noise,
             fps=fps,
@@ -194,6 +218,7 @@ def track(
             out=out,
             overwrite=overwrite,
             max_megapixels=max_megapixels,
+            value_range=levels,
             tell=tell,
             progress=progress,
         )
@@ -292,6 +317,7 @@ def estimate(
     out: Out = None,
     overwrite: Overwrite = False,
     max_megapixels: MaxMegapixels = MEGAPIXELS,
+    value_range: ValueRange = None,
     publish: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
@@ -313,6 +339,7 @@ def estimate(
     """
     check_least(window=(window, 1e-6), noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
     check_least(max_megapixels=(max_megapixels, 0.0))
+    levels = _levels(value_range)
     if out is None and not json_only and not publish:
         out = new_folder(f"estimate-{stem_of(source)}")
 
@@ -349,6 +376,7 @@ def estimate(
             out=out,
             overwrite=overwrite,
             max_megapixels=max_megapixels,
+            value_range=levels,
             truth=None if origin is None else origin.truth,
             publish=publish,
             tell=tell,

@@ -13,6 +13,7 @@ from ..output.processes import one_thread
 from ..render import Frame, SensorDesign
 from ..sensing.reader import Reader, check_tracks
 from ..sources import FrameSource, Source, open_source
+from ..sources.source import ValueRange
 from ..stored_pictures import MEGAPIXELS, Image
 from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_rest
 from .any_size import Fitter, Fitting, fitting
@@ -80,6 +81,7 @@ def open_tracking(
     tell: Callable[[str], None],
     sensor: SensorDesign | None = None,
     max_megapixels: float = MEGAPIXELS,
+    value_range: ValueRange = None,
 ) -> Opened:
     """Tracker that knows the unloaded sensor, and the frames to follow; see `track_source`.
 
@@ -92,11 +94,12 @@ def open_tracking(
     """
     make, name = load_tracker(tracker), name_of(tracker)
     refuse_swapped(rest, name_of(source))
-    opened = open_source(source, fps, rest_picture(rest, name_of(source)), max_megapixels)
+    beside = rest_picture(rest, name_of(source))
+    opened = open_source(source, fps, beside, max_megapixels, value_range)
     tell("rest frame")
     with one_thread():
         still, rest_words, place, frames = rest_frames(
-            rest, opened, find, tell, Fitter(sensor), max_megapixels
+            rest, opened, find, tell, Fitter(sensor), max_megapixels, value_range
         )
         shape = _check_alike(still, place)
         with located(place):

@@ -13,6 +13,7 @@ from ..errors import UserError
 from ..render import Frame
 from ..sources import NoSourceError, Source, open_source
 from ..sources.picture_files import is_pattern, is_picture
+from ..sources.source import ValueRange
 from ..stored_pictures import MEGAPIXELS, Image
 from ..tracking import detect_markers, join_layers
 from .find_sensor import Find
@@ -67,6 +68,7 @@ def rest_frames(
     tell: Callable[[str], None],
     fitted: Callable[[Image], Image] = lambda image: image,
     max_megapixels: float = MEGAPIXELS,
+    value_range: ValueRange = None,
 ) -> Resting:
     """Frames of the sensor at rest, which they are, and the frames to track.
 
@@ -79,6 +81,7 @@ def rest_frames(
     tell: called with the current step
     fitted: picture as large as the sensor's camera gives it, in which markers are looked for
     max_megapixels: largest picture of a rest frame that is decoded
+    value_range: see `open_source`
 
     Raises
     ------
@@ -91,7 +94,7 @@ def rest_frames(
         return Resting([frame], f"frame {index} of the source, found", place, source.frames())
     first = re.fullmatch(r"first(?::(\d+))?", rest)
     if first is None:
-        own = _own_source(rest, max_megapixels)
+        own = _own_source(rest, max_megapixels, value_range)
         if own.live:
             raise UserError(f"rest {rest} is a camera; give a picture, or first:N of the source")
         still = list(itertools.islice(own.frames(), 8))
@@ -113,11 +116,11 @@ def rest_frames(
     return Resting(still, words, place, itertools.chain(still, frames))
 
 
-def _own_source(rest: str, max_megapixels: float) -> Source:
+def _own_source(rest: str, max_megapixels: float, value_range: ValueRange) -> Source:
     """Source of frames at rest alone."""
     try:
         if not rest.startswith("first:"):
-            return open_source(rest, max_megapixels=max_megapixels)
+            return open_source(rest, max_megapixels=max_megapixels, value_range=value_range)
     except NoSourceError:
         pass
     raise UserError(
