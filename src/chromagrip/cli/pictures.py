@@ -47,6 +47,7 @@ if TYPE_CHECKING:  # OpenCV loads only when something is detected
     from ..pictures.find_sensor import Assumed, Within
     from ..pictures.following import Course
     from ..pictures.marker_list import Picture
+    from ..pictures.opening import Setup
     from ..pictures.track import TrackSummary
     from ..scene.scene import Scene
 
@@ -239,6 +240,7 @@ def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
     if summary["source_doubt"]:
         table.add_row("", summary["source_doubt"])
     table.add_row("rest frame", summary["rest"])
+    _add_left_out(table, summary)
     if summary["rest_doubt"]:
         table.add_row("", f"{summary['rest_doubt']}: is it loaded, or a layer misplaced?")
     _add_assumed(table, summary)
@@ -265,6 +267,12 @@ def _add_frames(table: Table, summary: "Course") -> None:
     table.add_row("frames", f"{summary['frames']}, {summary['ended']}")
     if words := in_words(summary["delivery"]):
         table.add_row("", words)
+
+
+def _add_left_out(table: Table, summary: "Setup") -> None:
+    """Rows of the rest frames that are not used."""
+    for each in summary["rest_left_out"]:
+        table.add_row("left out at rest", f"{each['name']}: {each['because']}")
 
 
 def _add_assumed(table: Table, found: "Assumed") -> None:
@@ -456,6 +464,7 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
     if summary["source_doubt"]:
         table.add_row("", summary["source_doubt"])
     table.add_row("rest frame", f"{summary['rest']}, {summary['rest_misfit_px']:.2f} px off")
+    _add_left_out(table, summary)
     size, (left, top, wide, high) = (summary["width_px"], summary["height_px"]), summary["view_px"]
     if summary["scaled_by"] != 1.0 or (left, top, wide, high) != (0.0, 0.0, *size):
         words = f"{size[0]}×{size[1]} px, scaled by {summary['scaled_by']:.3f} to the sensor's"

@@ -19,7 +19,7 @@ from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_r
 from .any_size import Fitter, Fitting, fitting
 from .find_sensor import Find
 from .noise_level import noise_level
-from .rest_frames import refuse_swapped, rest_frames, rest_picture
+from .rest_frames import LeftOut, refuse_swapped, rest_frames, rest_picture
 
 _GIVEN = "given"
 
@@ -29,6 +29,7 @@ class Setup(TypedDict):
 
     source: str
     rest: str
+    rest_left_out: list[LeftOut]
     rest_doubt: str | None
     tracker: str
     noise_levels: float
@@ -98,10 +99,10 @@ def open_tracking(
     opened = open_source(source, fps, beside, max_megapixels, value_range)
     tell("rest frame")
     with one_thread():
-        still, rest_words, place, frames = rest_frames(
-            rest, opened, find, tell, Fitter(sensor), max_megapixels, value_range
-        )
-        shape = _check_alike(still, place)
+        at_rest = rest_frames(rest, opened, find, tell, Fitter(sensor), max_megapixels, value_range)
+        still, place = at_rest.still, at_rest.place
+        height, width = still[0].image.shape[:2]
+        shape = (height, width)
         with located(place):
             fitted = fitting(_mean(still), sensor)
         noise, noise_words = _noise(still, fitted, opened, noise, tell)
@@ -114,10 +115,11 @@ def open_tracking(
             made = make(palette, noise)
             resting = _reset(made, still, noise, noise_words, place)
         _check_rest(resting, palette, name)
-        frames = _begun(frames, opened, shape)
+        frames = _begun(at_rest.frames, opened, shape)
     setup = Setup(
         source=opened.name,
-        rest=rest_words,
+        rest=at_rest.words,
+        rest_left_out=[*at_rest.left_out],
         rest_doubt=start.doubt or None,
         tracker=name,
         noise_levels=noise,
@@ -192,16 +194,6 @@ def _checked(frames: Iterator[Frame], source: Source, shape: tuple[int, int]) ->
     for index, frame in enumerate(frames, 1):
         _check_size(frame, index, source, shape)
         yield frame
-
-
-def _check_alike(still: list[Frame], place: str) -> tuple[int, int]:
-    """Height and width of the rest frames, which all have the same."""
-    sizes = {f"{frame.image.shape[1]}×{frame.image.shape[0]}" for frame in still}
-    if len(sizes) > 1:
-        words = ", ".join(sorted(sizes))
-        raise UserError(f"{place}: the rest frames have different sizes: {words} pixels")
-    height, width = still[0].image.shape[:2]
-    return height, width
 
 
 def _check_size(frame: Frame, index: int, source: Source, shape: tuple[int, int]) -> None:
