@@ -79,17 +79,18 @@ def unlike(
         inside = np.asarray(cv2.resize(field.astype(np.float32), size), np.float32)
     noise = float(np.median([_noise(image) for image in small]))
     found = _empty(small, settings)
-    shown = [k for k in range(len(small)) if k not in found]
-    if len(shown) < 2:
-        return found if shown else {}  # what looks for markers refuses empty frames alone
-    empty = found
-    for _ in range(2):  # the second median is that of the good frames alone
-        good = [small[k] for k in shown if k not in found] or [small[k] for k in shown]
-        middle = median(good[:: math.ceil(len(good) / settings.most)]).astype(np.float32)
-        compare = _Comparison(middle, inside, noise, settings)
-        found = empty | {k: w for k in shown if (w := compare(small[k].astype(np.float32)))}
-        if found == empty:
+    shown = {k: image for k, image in enumerate(small) if k not in found}
+    if not shown:
+        return {}  # what looks for markers refuses them
+    best = list(shown)
+    for _ in range(2):  # the second median is that of the most alike, of equals the earlier ones
+        some = [shown[k] for k in best[:: math.ceil(len(best) / settings.most)]]
+        compare = _Comparison(median(some).astype(np.float32), inside, noise, settings)
+        judged = {k: compare(image.astype(np.float32)) for k, image in shown.items()}
+        if not any(word for word, _ in judged.values()):
             break
+        best = sorted(shown, key=lambda k: round(judged[k][1], 1))[: len(shown) // 2 + 1]
+    found |= {k: word for k, (word, _) in judged.items() if word}
     return dict(sorted(found.items()))
 
 
@@ -121,17 +122,17 @@ class _Comparison:
         within = self._sums(inside[..., None]) > 0.5 * self._side**2
         self._compared = within & (self._energy > settings.above_noise * of_noise)
 
-    def __call__(self, image: Single) -> str:
-        """What is wrong with a frame; empty if nothing is."""
+    def __call__(self, image: Single) -> tuple[str, float]:
+        """What is wrong with a frame, empty if nothing is, and how unlike the median it is."""
         wanted, limits = self._compared, self._settings
         if wanted.sum() < limits.least:
-            return ""
+            return "", 0.0
         gain = float(np.median((self._sums(image) / (self._light + 1.0))[wanted]))
         if not limits.light < gain < 1.0 / limits.light:
-            return "darker" if gain < 1.0 else "brighter"
+            return "darker" if gain < 1.0 else "brighter", 1.0
         band = _band(image) / gain
         if np.quantile((self._sums(band**2) / self._energy)[wanted], 0.75) < limits.power:
-            return "blurred"
+            return "blurred", 1.0
         rest = band - self._band
         x, y = (self._sums(slope * rest) for slope in self._slopes)
         a, b, c = self._inverse
@@ -139,8 +140,10 @@ class _Comparison:
         moved |= self._sums(rest**2) > limits.residual * self._energy
         share = float(moved[wanted].mean())
         if share <= limits.share or moved[wanted].sum() < limits.least:
-            return ""
-        return "moved" if share > limits.whole else f"moved, covered or torn in {share:.0%} of it"
+            return "", share
+        if share > limits.whole:
+            return "moved", share
+        return f"moved, covered or torn in {share:.0%} of it", share
 
     def _sums(self, values: NDArray[Any]) -> Single:
         """Sums over blocks, and over channels, of an array (H, W) or (H, W, C)."""

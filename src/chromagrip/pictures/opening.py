@@ -95,14 +95,12 @@ def open_tracking(
     """
     make, name = load_tracker(tracker), name_of(tracker)
     refuse_swapped(rest, name_of(source))
-    beside = rest_picture(rest, name_of(source))
-    opened = open_source(source, fps, beside, max_megapixels, value_range)
+    limits = (max_megapixels, value_range)
+    opened = open_source(source, fps, rest_picture(rest, name_of(source)), *limits)
     tell("rest frame")
     with one_thread():
-        at_rest = rest_frames(rest, opened, find, tell, Fitter(sensor), max_megapixels, value_range)
-        still, place = at_rest.still, at_rest.place
-        height, width = still[0].image.shape[:2]
-        shape = (height, width)
+        at_rest = rest_frames(rest, opened, find, tell, Fitter(sensor), *limits)
+        still, place, shape = at_rest.still, at_rest.place, _size(at_rest.still[0])
         with located(place):
             fitted = fitting(_mean(still), sensor)
         noise, noise_words = _noise(still, fitted, opened, noise, tell)
@@ -196,8 +194,14 @@ def _checked(frames: Iterator[Frame], source: Source, shape: tuple[int, int]) ->
         yield frame
 
 
+def _size(frame: Frame) -> tuple[int, int]:
+    """Height and width [px]."""
+    height, width = frame.image.shape[:2]
+    return height, width
+
+
 def _check_size(frame: Frame, index: int, source: Source, shape: tuple[int, int]) -> None:
-    (height, width), (rest_height, rest_width) = frame.image.shape[:2], shape
+    (height, width), (rest_height, rest_width) = _size(frame), shape
     if (height, width) != (rest_height, rest_width):
         raise UserError(
             f"{source.frame_name(index)} is {width}×{height} pixels, the rest frame "

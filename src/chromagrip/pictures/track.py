@@ -86,8 +86,7 @@ def track_source(
     frames: stop after so many
     out, overwrite: folder, made if missing, and whether an earlier result in it is replaced
     max_megapixels, value_range: see `open_source`
-    tell: called with the current step before the first frame is tracked
-    progress: called after every frame
+    tell, progress: called with the current step before the first frame, and after every frame
 
     Raises
     ------
