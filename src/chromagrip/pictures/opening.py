@@ -93,9 +93,8 @@ def open_tracking(
     UserError
         When there is nothing to track.
     """
-    make, name = load_tracker(tracker), name_of(tracker)
+    make, name, limits = load_tracker(tracker), name_of(tracker), (max_megapixels, value_range)
     refuse_swapped(rest, name_of(source))
-    limits = (max_megapixels, value_range)
     opened = open_source(source, fps, rest_picture(rest, name_of(source)), *limits)
     tell("rest frame")
     with one_thread():
