@@ -43,21 +43,13 @@ _KINDS = {
 _UNREAD = (
     (4, b"ftyphei", "HEIF"), (4, b"ftyphev", "HEIF"), (4, b"ftypmif1", "HEIF"),
     (4, b"ftypmsf1", "HEIF"), (4, b"ftypavi", "AVIF"), (0, b"v/1\x01", "OpenEXR"),
-    (0, b"#?R", "Radiance HDR"), (0, b"8BPS", "Photoshop"), (0, b"gimp xcf", "GIMP"),
-    (4, b"jP  ", "JPEG 2000"), (0, b"\xffO\xffQ", "JPEG 2000"), (4, b"JXL ", "JPEG XL"),
-    (0, b"\xff\n", "JPEG XL"), (128, b"DICM", "DICOM"), (0, b"SIMPLE  =", "FITS"),
-    (4, b"ftypcrx", "camera raw"), (8, b"CR\x02", "camera raw"), (0, b"FUJIFILM", "camera raw"),
-    (0, b"IIR", "camera raw"), (0, b"MMOR", "camera raw"), (0, b"IIU\0", "camera raw"),
+    (0, b"#?R", "Radiance HDR"), (0, b"8BPS", "Photoshop"), (4, b"jP  ", "JPEG 2000"),
+    (4, b"JXL ", "JPEG XL"), (0, b"\xff\n", "JPEG XL"), (128, b"DICM", "DICOM"),
+    (0, b"SIMPLE  =", "FITS"), (4, b"ftypcrx", "camera raw"), (8, b"CR\x02", "camera raw"),
+    (0, b"FUJIFILM", "camera raw"), (0, b"IIR", "camera raw"), (0, b"IIU\0", "camera raw"),
 )  # fmt: skip
-#: The same by suffix: a camera's raw files begin like TIFF.
-_UNREAD_SUFFIXES = {
-    **dict.fromkeys((".heic", ".heif"), "HEIF"), ".avif": "AVIF", ".exr": "OpenEXR",
-    ".hdr": "Radiance HDR", ".psd": "Photoshop", ".jp2": "JPEG 2000", ".jxl": "JPEG XL",
-    **dict.fromkeys(
-        (".dng", ".nef", ".nrw", ".arw", ".srw", ".pef", ".cr2", ".cr3", ".raf", ".orf", ".rw2"),
-        "camera raw",
-    ),
-}  # fmt: skip
+#: Suffixes of files of cameras that begin like a TIFF.
+_RAW = (".dng", ".nef", ".nrw", ".arw", ".srw", ".pef", ".3fr")
 #: Number of the tag of EXIF that says how a picture is turned.
 _ORIENTATION = 0x0112
 #: Errors that Pillow raises for damaged pictures.
@@ -91,23 +83,15 @@ def kind_of(data: bytes) -> str | None:
 
 
 def unread_kind(path: Path, data: bytes | None = None) -> str | None:
-    """Name of the kind of a picture that is not read, by its content or its suffix, or None.
+    """Name of the kind of a picture that is not read; None for other files.
 
-    Parameters
-    ----------
-    path: of the file
-    data: its content, at least the first 140 bytes; by default they are read
+    `data` is the content of the file, which is looked up by default.
     """
     if data is None:
-        try:
-            with path.open("rb") as file:
-                data = file.read(140)
-        except OSError:
-            data = b""
-    for at, begin, kind in _UNREAD:
-        if data.startswith(begin, at):
-            return kind
-    return _UNREAD_SUFFIXES.get(path.suffix.lower())
+        with path.open("rb") as file:
+            data = file.read(140)
+    found = (kind for at, begin, kind in _UNREAD if data.startswith(begin, at))
+    return next(found, "camera raw" if path.suffix.lower() in _RAW else None)
 
 
 class Page(NamedTuple):
@@ -169,9 +153,10 @@ def pages(data: bytes, name: str, megapixels: float, *, grey: bool = False) -> I
     possible = 178.0  # largest WebP that Pillow decodes [10⁶ pixels]
     try:
         if kind == "Tiff":
+            copy = bytearray(data)
             for place, width, height in _tiff_pages(data):
                 check_pixels(width, height, name, megapixels)
-                yield Page(_tiff(data, place, grey))
+                yield Page(_tiff(copy, place, grey))
             return
         opened = _opener(kind)
         image = opened(io.BytesIO(data))
@@ -230,21 +215,22 @@ def _tiff_pages(data: bytes) -> list[tuple[int, int, int]]:
     return own or list(found.values())
 
 
-def _tiff(data: bytes, place: int, grey: bool) -> NDArray[Any] | None:
-    """Decode the page at a place of a TIFF and turn it; libtiff's messages are silenced."""
+def _tiff(data: bytearray, place: int, grey: bool) -> NDArray[Any] | None:
+    """Decode the page at a place of a TIFF and turn it; libtiff's messages are silenced.
+
+    That page becomes the first in `data`: OpenCV finds others only by reading all before.
+    """
     import cv2  # slow to import: the command line reads the limit without it
 
     how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION if grey else cv2.IMREAD_UNCHANGED
-    order, page = "<" if data.startswith(b"II") else ">", bytearray(data)
-    # As if it were the first page: OpenCV decodes others only by reading through all before.
-    struct.pack_into(
-        *((order + "Q", page, 8) if b"+" in data[2:4] else (order + "I", page, 4)), place
-    )
+    order = "<" if data.startswith(b"II") else ">"
+    kind, at = ("Q", 8) if b"+" in data[2:4] else ("I", 4)
+    struct.pack_into(order + kind, data, at, place)
     with _logging:
         level = cv2.utils.logging.getLogLevel()
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         try:
-            image: Any = cv2.imdecode(np.frombuffer(page, np.uint8), how)
+            image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), how)
         except cv2.error:
             return None
         finally:

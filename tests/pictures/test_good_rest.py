@@ -54,7 +54,7 @@ FAULTS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
     "blurred": (lambda grey: cv2.GaussianBlur(grey, (0, 0), 5.0), "blurred"),
     "torn": (torn, "moved, covered or torn in"),
     "covered": (covered, "moved, covered or torn in"),
-    "moved": (lambda grey: np.roll(grey, 9, axis=1), "moved"),
+    "moved": (lambda grey: np.roll(grey, 9, axis=1), "moved, covered or torn in"),
 }
 
 

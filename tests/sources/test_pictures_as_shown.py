@@ -23,14 +23,13 @@ Typed = Callable[..., CompletedProcess[str]]
 RNG = np.random.default_rng(8)
 #: Smooth colours without any symmetry, so that JPEG keeps them.
 SHOWN = cv2.resize(RNG.integers(0, 256, (3, 4, 3)).astype(np.uint8), (32, 24))
-#: Signs of a, b, c and d of a video's matrix for the orientations of EXIF, by their definitions.
+#: Signs of a, b, c and d of a video's matrix by the orientation of EXIF, and the turn that FFmpeg
+#: reads in those that do not mirror [°, to the left].
 MATRICES = {
-    1: (1, 0, 0, 1),
-    2: (-1, 0, 0, 1),
-    3: (-1, 0, 0, -1),
-    6: (0, 1, -1, 0),
-    8: (0, -1, 1, 0),
-}
+    1: ((1, 0, 0, 1), 0), 2: ((-1, 0, 0, 1), None), 3: ((-1, 0, 0, -1), 180),
+    4: ((1, 0, 0, -1), None), 5: ((0, 1, 1, 0), None), 6: ((0, 1, -1, 0), -90),
+    7: ((0, -1, -1, 0), None), 8: ((0, -1, 1, 0), 90),
+}  # fmt: skip
 
 
 def stored(orientation: int, kind: str) -> tuple[bytes, np.ndarray]:
@@ -81,9 +80,13 @@ def test_videos_are_turned_as_their_matrix_says(orientation: int, tmp_path: Path
     at = data.index(
         struct.pack(">9i", 1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30), data.index(b"tkhd")
     )
-    a, b, c, d = (sign << 16 for sign in MATRICES[orientation])
+    signs, turn = MATRICES[orientation]
+    a, b, c, d = (sign << 16 for sign in signs)
     data[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
     path.write_bytes(data)
+    with av.open(str(path)) as video:
+        rotation = next(video.decode(video=0)).rotation
+    assert turn is None or (rotation - turn) % 360 == 0
     exif = Image.Exif()
     exif[0x0112] = orientation
     image = Image.fromarray(SHOWN)
@@ -177,7 +180,7 @@ def test_what_is_not_read_is_refused_by_name(
 
 
 def test_a_folder_of_what_is_not_read_names_it(tmp_path: Path) -> None:
-    (tmp_path / "a.heic").touch()
+    (tmp_path / "a.heic").write_bytes(b"\0\0\0\x18ftypheic")
     with pytest.raises(UserError, match="has no pictures but HEIF, which is not read"):
         open_source(str(tmp_path))
 

@@ -145,21 +145,18 @@ def _levels(value_range: str | None) -> tuple[float, float] | None:
 
 
 def _within(
-    crop: str | None,
-    mask: Path | None,
-    max_megapixels: float,
-    levels: tuple[float, float] | None,
+    crop: str | None, mask: Path | None, most: float, levels: tuple[float, float] | None
 ) -> "Within":
     from ..pictures.find_sensor import Within
 
     if crop is None:
-        return Within(mask=mask, max_megapixels=max_megapixels, value_range=levels)
+        return Within(mask=mask, max_megapixels=most, value_range=levels)
     parts = crop.split(",")
     if len(parts) != 4 or not all(part.strip().isdecimal() for part in parts):
         raise UserError(f"--crop {crop}: expected left,top,width,height in pixels")
     left, top, width, height = map(int, parts)
     part = (left, top, width, height)
-    return Within(crop=part, mask=mask, max_megapixels=max_megapixels, value_range=levels)
+    return Within(crop=part, mask=mask, max_megapixels=most, value_range=levels)
 
 
 def _save_picture(found: "Picture", path: Path) -> None:

@@ -36,7 +36,6 @@ class RestSettings:
     details: over those of noise, below which a frame may be empty, and over those of the best
         frame in the same measure
     share, least: share of the blocks that differ in a frame that is left out, and their number
-    whole: share of them from which all of the frame has moved
     black: mean level below which an empty frame is black
     """
 
@@ -52,7 +51,6 @@ class RestSettings:
     details: tuple[float, float] = (3.0, 0.5)
     share: float = 0.05
     least: int = 2
-    whole: float = 0.9
     black: float = 16.0
 
 
@@ -141,8 +139,6 @@ class _Comparison:
         share = float(moved[wanted].mean())
         if share <= limits.share or moved[wanted].sum() < limits.least:
             return "", share
-        if share > limits.whole:
-            return "moved", share
         return f"moved, covered or torn in {share:.0%} of it", share
 
     def _sums(self, values: NDArray[Any]) -> Single:

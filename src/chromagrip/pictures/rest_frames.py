@@ -111,6 +111,8 @@ def rest_frames(
 def _judged(found: Resting, find: Find, fitted: Callable[[Image], Image]) -> Resting:
     """Rest frames without those that are unlike the others."""
     images = [frame.image for frame in found.still]
+    if not images:
+        raise UserError(f"{found.place} has no frames")
     sizes = {f"{image.shape[1]}×{image.shape[0]}" for image in images}
     if len(sizes) > 1:
         words = ", ".join(sorted(sizes))

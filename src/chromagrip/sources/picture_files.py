@@ -93,7 +93,7 @@ def _files(name: str, without: Path | None) -> tuple[list[Path], list[Path]]:
         there = [path]
     files = [p for p in there if is_picture(p) and not p.name.startswith(".")]
     if not files:
-        others = sorted({kind for p in there if (kind := unread_kind(p, b""))})
+        others = sorted({kind for p in there if p.is_file() and (kind := unread_kind(p))})
         but = f" but {', '.join(others)}, which is not read" if others else ""
         raise UserError(f"{place} has no pictures{but}; expected {', '.join(SUFFIXES)} files")
     if there != [path]:
@@ -107,10 +107,9 @@ def _files(name: str, without: Path | None) -> tuple[list[Path], list[Path]]:
 def _lossy(path: Path) -> bool:
     """Whether the compression of a picture leaves errors, by its name; a WebP may have none."""
     suffix = path.suffix.lower()
-    if suffix == ".webp":
-        with path.open("rb") as file:
-            return b"VP8L" not in file.read(200)
-    return suffix in (".jpg", ".jpeg")
+    return suffix in (".jpg", ".jpeg") or (
+        suffix == ".webp" and b"VP8L" not in _content(path)[:200]
+    )
 
 
 def _paged_source(
@@ -176,11 +175,10 @@ def read_picture(
     name, data = f"picture {path}", _content(path)
     if (count := page_count(data)) > 1:
         raise UserError(
-            f"{name} holds {count} pictures; wanted here: one, as `chromagrip track` alone reads "
-            "several in a file, which it is then given instead of a folder"
+            f"{name} holds {count} pictures; wanted here: one (as a source of `chromagrip track` "
+            "such a file stands alone)"
         )
-    kind = path.suffix.lower().removeprefix(".")
-    return decoded_picture(data, name, kind, max_megapixels, value_range)
+    return decoded_picture(data, name, path.suffix.lower()[1:], max_megapixels, value_range)
 
 
 def _content(path: Path) -> bytes:
@@ -201,8 +199,8 @@ def decoded_picture(
     pixels = decoded(data, name, max_megapixels)
     if pixels is None:
         other = unread_kind(Path(name), data)
-        why = f"it is {other}, which is not read" if other else "it is cut off, or not a"
-        raise UserError(f"{name} cannot be read: {why}" + ("" if other else f" {kind} file"))
+        why = f"{other}, which is not read" if other else f"cut off, or not a {kind} file"
+        raise UserError(f"{name} cannot be read: it is {why}")
     return _picture(pixels, name, value_range)
 
 
