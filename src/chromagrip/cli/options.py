@@ -118,7 +118,7 @@ MaxMegapixels = Annotated[
     float, option("largest picture in megapixels; a larger one is refused", "MP")
 ]
 ValueRange = Annotated[
-    str | None, option("values of black and white where they have more than 8 bits", "BLACK,WHITE")
+    str | None, option("values of black and white of pictures above 8 bits", "BLACK,WHITE")
 ]
 Frames = Annotated[int | None, option("largest number of frames", "N")]
 Workers = Annotated[int, option("number of processes", "N")]
