@@ -628,7 +628,7 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("detect frames", "frames is no picture; detect takes one"),
         ("detect cut.jpg", "picture cut.jpg cannot be read: it is cut off, or not a jpg file"),
         ("detect empty.png", "picture empty.png is empty"),
-        ("detect deep.png", "picture deep.png has uint16 values; wanted: 8 bits"),
+        ("detect deep.png", "picture deep.png has uint16 values from"),
         ("detect clear.png", "picture clear.png has transparent pixels"),
         ("detect dots.png --palette chromatouch", "image is grey .* need a colour image"),
         ("detect grey.png", "picture grey.png: no regular marker pattern found in the picture"),

@@ -187,7 +187,7 @@ def with_message(change: dict[str, Any]) -> Callable[[Path], str]:
                 folder / "bag",
                 image=[(1.0, compressed(PICTURES[0].astype(np.uint16), "png", 1.0))],
             ),
-            "has uint16 values; wanted: 8 bits",
+            "has uint16 values from .* --value-range",
         ),
         (
             lambda folder: bag(

@@ -117,6 +117,9 @@ Fps = Annotated[
 MaxMegapixels = Annotated[
     float, option("largest picture in megapixels; a larger one is refused", "MP")
 ]
+ValueRange = Annotated[
+    str | None, option("values of black and white of pictures above 8 bits", "BLACK,WHITE")
+]
 Frames = Annotated[int | None, option("largest number of frames", "N")]
 Workers = Annotated[int, option("number of processes", "N")]
 Json = Annotated[Flag, option("print one JSON object", name="json")]

@@ -28,6 +28,7 @@ from .options import (
     Rest,
     SourceName,
     TrackerName,
+    ValueRange,
     check_file,
     check_least,
     counting,
@@ -46,6 +47,7 @@ if TYPE_CHECKING:  # OpenCV loads only when something is detected
     from ..pictures.find_sensor import Assumed, Within
     from ..pictures.following import Course
     from ..pictures.marker_list import Picture
+    from ..pictures.opening import Setup
     from ..pictures.track import TrackSummary
     from ..scene.scene import Scene
 
@@ -77,6 +79,7 @@ def detect(
     ] = None,
     overwrite: Annotated[Flag, option("overwrite earlier files")] = False,
     max_megapixels: MaxMegapixels = MEGAPIXELS,
+    value_range: ValueRange = None,
     json_only: Annotated[
         Flag, option("print one JSON object with every marker", name="json")
     ] = False,
@@ -94,7 +97,9 @@ def detect(
     from ..pictures.find_sensor import save_palette as save_palette_file
     from ..pictures.marker_list import list_markers
 
-    found = list_markers(image, palette, _within(crop, mask, max_megapixels), max_megapixels)
+    levels = _levels(value_range)
+    within = _within(crop, mask, max_megapixels, levels)
+    found = list_markers(image, palette, within, max_megapixels, levels)
     if out is not None:
         _save_picture(found, out)
     if save_palette is not None:
@@ -126,17 +131,32 @@ def detect(
     return 0
 
 
-def _within(crop: str | None, mask: Path | None, max_megapixels: float) -> "Within":
+def _levels(value_range: str | None) -> tuple[float, float] | None:
+    """Values of black and white of pictures with more than 8 bits."""
+    if value_range is None:
+        return None
+    try:
+        black, white = map(float, value_range.split(","))
+    except ValueError:
+        black = white = math.nan
+    if not -math.inf < black < white < math.inf:
+        raise UserError(f"--value-range {value_range}: expected BLACK,WHITE, such as 0,65535")
+    return black, white
+
+
+def _within(
+    crop: str | None, mask: Path | None, most: float, levels: tuple[float, float] | None
+) -> "Within":
     from ..pictures.find_sensor import Within
 
     if crop is None:
-        return Within(mask=mask, max_megapixels=max_megapixels)
+        return Within(mask=mask, max_megapixels=most, value_range=levels)
     parts = crop.split(",")
     if len(parts) != 4 or not all(part.strip().isdecimal() for part in parts):
         raise UserError(f"--crop {crop}: expected left,top,width,height in pixels")
     left, top, width, height = map(int, parts)
     part = (left, top, width, height)
-    return Within(crop=part, mask=mask, max_megapixels=max_megapixels)
+    return Within(crop=part, mask=mask, max_megapixels=most, value_range=levels)
 
 
 def _save_picture(found: "Picture", path: Path) -> None:
@@ -165,6 +185,7 @@ def track(
     out: Out = None,
     overwrite: Overwrite = False,
     max_megapixels: MaxMegapixels = MEGAPIXELS,
+    value_range: ValueRange = None,
     json_only: JsonOnly = False,
 ) -> int:
     """Follow the markers of a sensor through pictures, a video or a camera's frames.
@@ -176,6 +197,7 @@ def track(
     """
     check_least(noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
     check_least(max_megapixels=(max_megapixels, 0.0))
+    levels = _levels(value_range)
     if out is None and not json_only:
         out = new_folder(f"track-{stem_of(source)}")
 
@@ -186,7 +208,7 @@ def track(
             rest,
             source,
             palette=palette,
-            within=_within(crop, mask, max_megapixels),
+            within=_within(crop, mask, max_megapixels, levels),
             tracker=tracker,
             noise=noise,
             fps=fps,
@@ -194,6 +216,7 @@ def track(
             out=out,
             overwrite=overwrite,
             max_megapixels=max_megapixels,
+            value_range=levels,
             tell=tell,
             progress=progress,
         )
@@ -214,6 +237,7 @@ def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
     if summary["source_doubt"]:
         table.add_row("", summary["source_doubt"])
     table.add_row("rest frame", summary["rest"])
+    _add_left_out(table, summary)
     if summary["rest_doubt"]:
         table.add_row("", f"{summary['rest_doubt']}: is it loaded, or a layer misplaced?")
     _add_assumed(table, summary)
@@ -240,6 +264,12 @@ def _add_frames(table: Table, summary: "Course") -> None:
     table.add_row("frames", f"{summary['frames']}, {summary['ended']}")
     if words := in_words(summary["delivery"]):
         table.add_row("", words)
+
+
+def _add_left_out(table: Table, summary: "Setup") -> None:
+    """Rows of the rest frames that are not used."""
+    for each in summary["rest_left_out"]:
+        table.add_row("left out at rest", f"{each['name']}: {each['because']}")
 
 
 def _add_assumed(table: Table, found: "Assumed") -> None:
@@ -292,6 +322,7 @@ def estimate(
     out: Out = None,
     overwrite: Overwrite = False,
     max_megapixels: MaxMegapixels = MEGAPIXELS,
+    value_range: ValueRange = None,
     publish: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
@@ -313,6 +344,7 @@ def estimate(
     """
     check_least(window=(window, 1e-6), noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
     check_least(max_megapixels=(max_megapixels, 0.0))
+    levels = _levels(value_range)
     if out is None and not json_only and not publish:
         out = new_folder(f"estimate-{stem_of(source)}")
 
@@ -349,6 +381,7 @@ def estimate(
             out=out,
             overwrite=overwrite,
             max_megapixels=max_megapixels,
+            value_range=levels,
             truth=None if origin is None else origin.truth,
             publish=publish,
             tell=tell,
@@ -428,6 +461,7 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
     if summary["source_doubt"]:
         table.add_row("", summary["source_doubt"])
     table.add_row("rest frame", f"{summary['rest']}, {summary['rest_misfit_px']:.2f} px off")
+    _add_left_out(table, summary)
     size, (left, top, wide, high) = (summary["width_px"], summary["height_px"]), summary["view_px"]
     if summary["scaled_by"] != 1.0 or (left, top, wide, high) != (0.0, 0.0, *size):
         words = f"{size[0]}×{size[1]} px, scaled by {summary['scaled_by']:.3f} to the sensor's"

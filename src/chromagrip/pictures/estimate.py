@@ -23,6 +23,7 @@ from ..sensing.observers import ForceObserver
 from ..sensing.reader import DEFAULT_WINDOW
 from ..sources import FrameSource
 from ..sources.delivery import Lateness
+from ..sources.source import ValueRange
 from ..stored_pictures import MEGAPIXELS
 from ..tracking import (
     CAMERA_RULE,
@@ -126,6 +127,7 @@ def estimate_source(
     out: Path | None = None,
     overwrite: bool = False,
     max_megapixels: float = MEGAPIXELS,
+    value_range: ValueRange = None,
     truth: Truth | None = None,
     publish: Sequence[str] = (),
     tell: Callable[[str], None] = lambda _: None,
@@ -144,7 +146,7 @@ def estimate_source(
     friction: name of a reading of µ, see `FRICTION`; by default that of grasps
     window: moving average of the friction estimate [s]
     rest, source, tracker, noise, fps, frames, out, overwrite: see `track_source`
-    max_megapixels, tell, progress: see `track_source`
+    max_megapixels, value_range, tell, progress: see `track_source`
     publish: targets to which each reading is sent at once, see `publish.targets`; frames of a live
         source are then skipped where newer ones have come
     truth: true value of each frame by column, if known; the summary compares the estimates with it
@@ -171,6 +173,7 @@ def estimate_source(
         tell=tell,
         sensor=known.sensor,
         max_megapixels=max_megapixels,
+        value_range=value_range,
     )
     with located(f"calibration {calibration}"):
         pose = rest_pose(known.sensor, opened.resting)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..folders import write_whole
 from ..sources.picture_files import read_picture
+from ..sources.source import ValueRange
 from ..stored_pictures import MEGAPIXELS, Image
 from ..tracking import AUTO_PALETTE, Palette, learn_palette, load_palette, sight
 
@@ -49,11 +50,13 @@ class Within:
     crop: left, top, width and height [px]
     mask: picture that is white where the sensor is, and black elsewhere
     max_megapixels: largest mask that is decoded
+    value_range: values of black and white of a mask of more than 8 bits
     """
 
     crop: tuple[int, int, int, int] | None = None
     mask: Path | None = None
     max_megapixels: float = MEGAPIXELS
+    value_range: ValueRange = None
 
     def of(self, height: int, width: int) -> Mask | None:
         """Pixels of a picture of that size, shape (H, W); None where nothing was given.
@@ -82,7 +85,7 @@ class Within:
             found[:] = False
             found[top : top + high, left : left + wide] = True
         if self.mask is not None:
-            given = read_picture(self.mask, self.max_megapixels)
+            given = read_picture(self.mask, self.max_megapixels, self.value_range)
             if given.shape[:2] != (height, width):
                 raise UserError(
                     f"mask {self.mask} is {given.shape[1]}×{given.shape[0]} pixels, the picture "

@@ -216,11 +216,27 @@ def _tracked(
         frames = itertools.islice(_coming(opened, newest), limit)
         for index, (frame, came) in enumerate(frames):
             begin = working_time()
-            tracks = opened.reader.track(frame)
+            tracks = _followed(opened.reader.track(frame), tally.known)
             tally.add(tracks, working_time() - begin)
             yield index, frame, tracks, came
     except UserError as error:
         tally.broken = str(error)
+
+
+def _followed(tracks: Tracks, known: NDArray[np.bool_]) -> Tracks:
+    """Tracks of the markers (L, M) with a place at rest; others are not followed, so not seen."""
+    if not ((tracks.visible | np.isfinite(tracks.last_seen)) & ~known).any():
+        return tracks
+    values = np.repeat(known.T, 3, axis=1)  # x, y and log_size of each layer
+    return replace(
+        tracks,
+        position=np.where(known[..., None], tracks.position, np.nan),
+        log_size=np.where(known, tracks.log_size, np.nan),
+        visible=tracks.visible & known,
+        ambiguous=tracks.ambiguous & known,
+        last_seen=np.where(known, tracks.last_seen, np.nan),
+        covariance=np.where(values[:, None] & values[..., None], tracks.covariance, np.nan),
+    )
 
 
 def _coming(opened: Opened, newest: bool) -> Iterator[tuple[Frame, Came]]:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..errors import UserError, located
 from ..sources.picture_files import is_picture, read_picture
-from ..sources.source import SUFFIXES
-from ..stored_pictures import MEGAPIXELS, Image, kind_of
+from ..sources.source import SUFFIXES, ValueRange
+from ..stored_pictures import MEGAPIXELS, Image, kind_of, unread_kind
 from ..tracking import AUTO_PALETTE, Markers, Palette, detect_markers, join_layers
 from .any_size import Fitting, fitting
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
@@ -53,10 +53,12 @@ def list_markers(
     palette: str = AUTO_PALETTE,
     within: Within = ANYWHERE,
     max_megapixels: float = MEGAPIXELS,
+    value_range: ValueRange = None,
 ) -> Picture:
     """Markers of the picture in a file, for a palette by name, within a part of it if given.
 
-    A larger picture than `max_megapixels` is not decoded.
+    A larger picture than `max_megapixels` is not decoded; `value_range` has the values of black
+    and white of one with more than 8 bits.
 
     Raises
     ------
@@ -64,7 +66,7 @@ def list_markers(
         When there is no such picture or palette, or no markers in it.
     """
     _check_picture(path)
-    image = read_picture(path, max_megapixels)
+    image = read_picture(path, max_megapixels, value_range)
     find = finder(palette, within)
     with located(f"picture {path}"):
         fitted = fitting(image, None)
@@ -94,7 +96,9 @@ def _original(markers: Markers, fitted: Fitting) -> Markers:
 
 
 def _check_picture(path: Path) -> None:
-    """Refuse what is a source of many frames instead of one picture."""
+    """Refuse what is a source of many frames instead of one picture, or of a kind not read."""
+    if path.is_file() and (kind := unread_kind(path)):
+        raise UserError(f"{path} is {kind}, which is not read; save it as png or tiff")
     if path.is_dir() or (path.is_file() and not is_picture(path) and not _begins_like_one(path)):
         raise UserError(
             f"{path} is no picture; detect takes one picture ({', '.join(SUFFIXES)}), "

@@ -13,12 +13,13 @@ from ..output.processes import one_thread
 from ..render import Frame, SensorDesign
 from ..sensing.reader import Reader, check_tracks
 from ..sources import FrameSource, Source, open_source
+from ..sources.source import ValueRange
 from ..stored_pictures import MEGAPIXELS, Image
 from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_rest
 from .any_size import Fitter, Fitting, fitting
 from .find_sensor import Find
 from .noise_level import noise_level
-from .rest_frames import refuse_swapped, rest_frames, rest_picture
+from .rest_frames import LeftOut, refuse_swapped, rest_frames, rest_picture
 
 _GIVEN = "given"
 
@@ -28,6 +29,7 @@ class Setup(TypedDict):
 
     source: str
     rest: str
+    rest_left_out: list[LeftOut]
     rest_doubt: str | None
     tracker: str
     noise_levels: float
@@ -80,6 +82,7 @@ def open_tracking(
     tell: Callable[[str], None],
     sensor: SensorDesign | None = None,
     max_megapixels: float = MEGAPIXELS,
+    value_range: ValueRange = None,
 ) -> Opened:
     """Tracker that knows the unloaded sensor, and the frames to follow; see `track_source`.
 
@@ -90,15 +93,13 @@ def open_tracking(
     UserError
         When there is nothing to track.
     """
-    make, name = load_tracker(tracker), name_of(tracker)
+    make, name, limits = load_tracker(tracker), name_of(tracker), (max_megapixels, value_range)
     refuse_swapped(rest, name_of(source))
-    opened = open_source(source, fps, rest_picture(rest, name_of(source)), max_megapixels)
+    opened = open_source(source, fps, rest_picture(rest, name_of(source)), *limits)
     tell("rest frame")
     with one_thread():
-        still, rest_words, place, frames = rest_frames(
-            rest, opened, find, tell, Fitter(sensor), max_megapixels
-        )
-        shape = _check_alike(still, place)
+        at_rest = rest_frames(rest, opened, find, tell, Fitter(sensor), *limits)
+        still, place, shape = at_rest.still, at_rest.place, _size(at_rest.still[0])
         with located(place):
             fitted = fitting(_mean(still), sensor)
         noise, noise_words = _noise(still, fitted, opened, noise, tell)
@@ -111,10 +112,11 @@ def open_tracking(
             made = make(palette, noise)
             resting = _reset(made, still, noise, noise_words, place)
         _check_rest(resting, palette, name)
-        frames = _begun(frames, opened, shape)
+        frames = _begun(at_rest.frames, opened, shape)
     setup = Setup(
         source=opened.name,
-        rest=rest_words,
+        rest=at_rest.words,
+        rest_left_out=[*at_rest.left_out],
         rest_doubt=start.doubt or None,
         tracker=name,
         noise_levels=noise,
@@ -191,18 +193,14 @@ def _checked(frames: Iterator[Frame], source: Source, shape: tuple[int, int]) ->
         yield frame
 
 
-def _check_alike(still: list[Frame], place: str) -> tuple[int, int]:
-    """Height and width of the rest frames, which all have the same."""
-    sizes = {f"{frame.image.shape[1]}×{frame.image.shape[0]}" for frame in still}
-    if len(sizes) > 1:
-        words = ", ".join(sorted(sizes))
-        raise UserError(f"{place}: the rest frames have different sizes: {words} pixels")
-    height, width = still[0].image.shape[:2]
+def _size(frame: Frame) -> tuple[int, int]:
+    """Height and width [px]."""
+    height, width = frame.image.shape[:2]
     return height, width
 
 
 def _check_size(frame: Frame, index: int, source: Source, shape: tuple[int, int]) -> None:
-    (height, width), (rest_height, rest_width) = frame.image.shape[:2], shape
+    (height, width), (rest_height, rest_width) = _size(frame), shape
     if (height, width) != (rest_height, rest_width):
         raise UserError(
             f"{source.frame_name(index)} is {width}×{height} pixels, the rest frame "

@@ -4,8 +4,9 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
@@ -13,9 +14,19 @@ from ..errors import UserError
 from ..render import Frame
 from ..sources import NoSourceError, Source, open_source
 from ..sources.picture_files import is_pattern, is_picture
+from ..sources.source import ValueRange
 from ..stored_pictures import MEGAPIXELS, Image
 from ..tracking import detect_markers, join_layers
 from .find_sensor import Find
+from .good_rest import median, unlike
+
+
+class LeftOut(TypedDict):
+    """A rest frame that is not used: its number, what it is called, and what is wrong with it."""
+
+    frame: int
+    name: str
+    because: str
 
 
 class Resting(NamedTuple):
@@ -23,16 +34,20 @@ class Resting(NamedTuple):
 
     Attributes
     ----------
-    still: of the sensor at rest
+    still: of the sensor at rest, of one size
     words: which they are
     place: the same for a refusal, with the name of the file
     frames: to track
+    name: what a rest frame of that number is called
+    left_out: those that are unlike the others, which `still` does not have
     """
 
     still: list[Frame]
     words: str
     place: str
     frames: Iterator[Frame]
+    name: Callable[[int], str]
+    left_out: tuple[LeftOut, ...] = ()
 
 
 def rest_picture(rest: str, source: str) -> Path | None:
@@ -67,8 +82,11 @@ def rest_frames(
     tell: Callable[[str], None],
     fitted: Callable[[Image], Image] = lambda image: image,
     max_megapixels: float = MEGAPIXELS,
+    value_range: ValueRange = None,
 ) -> Resting:
     """Frames of the sensor at rest, which they are, and the frames to track.
+
+    Those that are unlike most others are left out, see `unlike`.
 
     Parameters
     ----------
@@ -79,26 +97,72 @@ def rest_frames(
     tell: called with the current step
     fitted: picture as large as the sensor's camera gives it, in which markers are looked for
     max_megapixels: largest picture of a rest frame that is decoded
+    value_range: see `open_source`
 
     Raises
     ------
     UserError
-        When there are no such frames.
+        When there are no such frames, or fewer than half of them are alike.
     """
+    found = _given_frames(rest, source, find, tell, fitted, max_megapixels, value_range)
+    return _judged(found, find, fitted)
+
+
+def _judged(found: Resting, find: Find, fitted: Callable[[Image], Image]) -> Resting:
+    """Rest frames without those that are unlike the others."""
+    images = [frame.image for frame in found.still]
+    if not images:
+        raise UserError(f"{found.place} has no frames")
+    sizes = {f"{image.shape[1]}×{image.shape[0]}" for image in images}
+    if len(sizes) > 1:
+        words = ", ".join(sorted(sizes))
+        raise UserError(f"{found.place}: the rest frames have different sizes: {words} pixels")
+    wrong = unlike(images)
+    if not wrong:
+        return found
+    with suppress(UserError):  # what moves beside the sensor does not count, if it can be found
+        middle = median(images)
+        seen = find(fitted(middle), middle.shape[:2]).seen
+        wrong = unlike([*map(fitted, images)], None if seen is None else seen.field)
+    left_out = tuple(
+        LeftOut(frame=k, name=found.name(k), because=word) for k, word in wrong.items()
+    )
+    if 2 * len(left_out) > len(images):
+        some = "; ".join(f"frame {each['frame']} is {each['because']}" for each in left_out[:3])
+        raise UserError(
+            f"{found.place}: only {len(images) - len(left_out)} of {len(images)} rest frames are "
+            f"alike, wanted: half of them or more; {some}"
+        )
+    still = [frame for k, frame in enumerate(found.still) if k not in wrong]
+    words = f"{found.words}, {len(left_out)} of them left out" if left_out else found.words
+    return found._replace(still=still, words=words, left_out=left_out)
+
+
+def _given_frames(
+    rest: str,
+    source: Source,
+    find: Find,
+    tell: Callable[[str], None],
+    fitted: Callable[[Image], Image],
+    max_megapixels: float,
+    value_range: ValueRange,
+) -> Resting:
+    """Frames at rest as they were given; see `rest_frames`."""
     if rest == "auto":
         index, frame = _most_exact(source, find, tell, fitted)
         place = f"rest {source.frame_name(index)}"
-        return Resting([frame], f"frame {index} of the source, found", place, source.frames())
+        words = f"frame {index} of the source, found"
+        return Resting([frame], words, place, source.frames(), source.frame_name)
     first = re.fullmatch(r"first(?::(\d+))?", rest)
     if first is None:
-        own = _own_source(rest, max_megapixels)
+        own = _own_source(rest, max_megapixels, value_range)
         if own.live:
             raise UserError(f"rest {rest} is a camera; give a picture, or first:N of the source")
         still = list(itertools.islice(own.frames(), 8))
         words = f"{rest}, mean of {len(still)}" if len(still) > 1 else rest
         if rest_picture(rest, source.name) is not None:
             words += ", not counted as a frame of the source"
-        return Resting(still, words, f"rest {rest}", source.frames())
+        return Resting(still, words, f"rest {rest}", source.frames(), own.frame_name)
     wanted = int(first[1] or 1)
     if wanted < 1:
         raise UserError(f"rest {rest} is no frame; expected first:1 or more")
@@ -110,14 +174,14 @@ def rest_frames(
     if wanted > 1:
         words = f"first {wanted} frames of the source"
         place = f"rest first {wanted} frames of {source.name}"
-    return Resting(still, words, place, itertools.chain(still, frames))
+    return Resting(still, words, place, itertools.chain(still, frames), source.frame_name)
 
 
-def _own_source(rest: str, max_megapixels: float) -> Source:
+def _own_source(rest: str, max_megapixels: float, value_range: ValueRange) -> Source:
     """Source of frames at rest alone."""
     try:
         if not rest.startswith("first:"):
-            return open_source(rest, max_megapixels=max_megapixels)
+            return open_source(rest, max_megapixels=max_megapixels, value_range=value_range)
     except NoSourceError:
         pass
     raise UserError(

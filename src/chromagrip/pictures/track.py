@@ -15,6 +15,7 @@ from ..output.parquet import TrackTable
 from ..output.versions import versions
 from ..render import Frame
 from ..sources import FrameSource
+from ..sources.source import ValueRange
 from ..stored_pictures import MEGAPIXELS
 from ..tracking import AUTO_PALETTE, Tracks
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
@@ -61,6 +62,7 @@ def track_source(
     out: Path | None = None,
     overwrite: bool = False,
     max_megapixels: float = MEGAPIXELS,
+    value_range: ValueRange = None,
     tell: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _, __: None,
 ) -> Outcome[TrackSummary]:
@@ -83,9 +85,8 @@ def track_source(
     fps: frame rate [Hz], for pictures and instead of a video's own
     frames: stop after so many
     out, overwrite: folder, made if missing, and whether an earlier result in it is replaced
-    max_megapixels: largest picture that is decoded
-    tell: called with the current step before the first frame is tracked
-    progress: called after every frame
+    max_megapixels, value_range: see `open_source`
+    tell, progress: called with the current step before the first frame, and after every frame
 
     Raises
     ------
@@ -102,6 +103,7 @@ def track_source(
         fps=fps,
         tell=tell,
         max_megapixels=max_megapixels,
+        value_range=value_range,
     )
     known = assumed(palette, opened.palette, within, round(1.0 / opened.fitted.scale))
     summarise = partial(_summary, opened, known)

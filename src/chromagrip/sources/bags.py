@@ -13,7 +13,7 @@ from ..extras import need, require
 from ..render import Frame
 from ..stored_pictures import Image, check_pixels
 from .picture_files import PNG_BEGIN, decoded_picture
-from .source import Source, rated
+from .source import Source, ValueRange, rated
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -45,6 +45,7 @@ def bag_source(
     arguments: Mapping[str, Any],
     fps: float | None,
     max_megapixels: float,
+    value_range: ValueRange = None,
 ) -> Source:
     """Source of a bag.
 
@@ -55,6 +56,7 @@ def bag_source(
     arguments: `topic`, needed where several topics have pictures
     fps: rate that overrides the times of the messages [Hz]
     max_megapixels: largest picture that is decoded
+    value_range: values of black and white in compressed pictures of more than 8 bits
 
     Raises
     ------
@@ -76,7 +78,7 @@ def bag_source(
     rate, rate_from = rated(fps, own, "the bag's own")
     return Source(
         name=name,
-        frames=partial(_frames, path, asked, fps, max_megapixels),
+        frames=partial(_frames, path, asked, fps, max_megapixels, value_range),
         count=count,
         fps=rate,
         fps_from=rate_from,
@@ -123,7 +125,9 @@ def _connections(bag: "Reader", path: Path, topic: str) -> "list[Connection]":
     return [each for each in pictures if each.topic == (topic or names[0])]
 
 
-def _frames(path: Path, asked: str, fps: float | None, max_megapixels: float) -> Iterator[Frame]:
+def _frames(
+    path: Path, asked: str, fps: float | None, max_megapixels: float, value_range: ValueRange
+) -> Iterator[Frame]:
     """Frames with the time since the first one, or evenly at `fps`."""
     stores = need("rosbags.typesys", "ros")
     store = stores.get_typestore(stores.Stores.ROS2_HUMBLE)
@@ -135,15 +139,18 @@ def _frames(path: Path, asked: str, fps: float | None, max_megapixels: float) ->
             instant = 1_000_000_000 * stamp.sec + stamp.nanosec or logged
             begin = instant if index == 0 else begin
             name = f"message {index} of {sent.topic} in {path}"
-            image = _picture(message, sent.msgtype, name, max_megapixels)
+            image = _picture(message, sent.msgtype, name, max_megapixels, value_range)
             time = 1e-9 * (instant - begin) if fps is None else index / fps
             yield Frame(image=image, time=time)
 
 
-def _picture(message: Any, kind: str, name: str, max_megapixels: float) -> Image:
+def _picture(
+    message: Any, kind: str, name: str, max_megapixels: float, value_range: ValueRange
+) -> Image:
     """Picture of a message."""
     if kind == _COMPRESSED:
-        return decoded_picture(message.data.tobytes(), name, "jpeg or png", max_megapixels)
+        data = message.data.tobytes()
+        return decoded_picture(data, name, "jpeg or png", max_megapixels, value_range)
     if message.encoding not in _ENCODINGS:
         raise UserError(
             f"{name} has the encoding {message.encoding}; wanted: {', '.join(_ENCODINGS)}"

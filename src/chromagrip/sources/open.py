@@ -15,13 +15,13 @@ from ..arguments import arguments_in
 from ..by_name import Choice, blaming, name_of
 from ..errors import UserError
 from ..render import Frame
-from ..stored_pictures import MEGAPIXELS
+from ..stored_pictures import MEGAPIXELS, unread_kind
 from .arrays import array_source
 from .bags import bag_source, is_bag
 from .camera import camera_number, camera_source
 from .picture_files import is_pattern, is_picture, picture_source
 from .pipe import pipe_source
-from .source import KINDS, SOURCES, FrameSource, NoSourceError, Source, rated
+from .source import KINDS, SOURCES, FrameSource, NoSourceError, Source, ValueRange, rated
 from .video import video_source
 
 
@@ -30,6 +30,7 @@ def open_source(
     fps: float | None = None,
     without: Path | None = None,
     max_megapixels: float = MEGAPIXELS,
+    value_range: ValueRange = None,
 ) -> Source:
     """Open a source of frames; no camera and no source of one's own is opened before it is read.
 
@@ -41,6 +42,7 @@ def open_source(
     without: picture that is no frame of the folder in which it lies, nor is one that is called rest
         beside others
     max_megapixels: largest picture of a file or a pipe that is decoded
+    value_range: values of black and white in pictures and arrays of more than 8 bits
 
     Raises
     ------
@@ -48,29 +50,37 @@ def open_source(
         When there is no such source, or no picture in it.
     """
     if isinstance(source, str):
-        found = _named(source, fps, without, max_megapixels)
+        found = _named(source, fps, without, max_megapixels, value_range)
     else:
         found = _own(source, fps)
     return replace(found, frames=lambda: _delivered(found))
 
 
-def _named(name: str, fps: float | None, without: Path | None, max_megapixels: float) -> Source:
+def _named(
+    name: str,
+    fps: float | None,
+    without: Path | None,
+    max_megapixels: float,
+    value_range: ValueRange,
+) -> Source:
     """Source of a name."""
     path = Path(name)
     if name.startswith("pipe:"):
         return pipe_source(name, fps, max_megapixels)
     if is_bag(path):
-        return bag_source(name, path, {}, fps, max_megapixels)
+        return bag_source(name, path, {}, fps, max_megapixels, value_range)
     if path.is_dir() or (path.is_file() and is_picture(path)):
-        return picture_source(name, fps, without, max_megapixels)
+        return picture_source(name, fps, without, max_megapixels, value_range)
     if path.is_file() and path.suffix.lower() in (".npy", ".npz"):
-        return array_source(path, fps, max_megapixels)
+        return array_source(path, fps, max_megapixels, value_range)
+    if path.is_file() and (kind := unread_kind(path)):
+        raise UserError(f"{path} is {kind}, which is not read; save it as png or tiff")
     if path.is_file():
         return video_source(path, fps, max_megapixels)
     place, bracket, rest = name.partition("(")
     if bracket and rest.endswith(")") and is_bag(Path(place)):
         arguments = arguments_in(rest[:-1], name)
-        return bag_source(name, Path(place), arguments, fps, max_megapixels)
+        return bag_source(name, Path(place), arguments, fps, max_megapixels, value_range)
     if (number := camera_number(place)) is not None and (not bracket or rest.endswith(")")):
         return camera_source(name, number, arguments_in(rest[:-1], name), fps)
     if place.startswith("camera:"):
@@ -78,7 +88,7 @@ def _named(name: str, fps: float | None, without: Path | None, max_megapixels: f
     if re.fullmatch(r"[^\W\d][\w.]*:[^\W\d][\w.]*", place) or name in SOURCES.descriptions():
         return _own(name, fps)
     if is_pattern(name):
-        return picture_source(name, fps, without, max_megapixels)
+        return picture_source(name, fps, without, max_megapixels, value_range)
     raise NoSourceError(f"there is no {name}; {KINDS}")
 
 

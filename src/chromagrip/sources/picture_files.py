@@ -4,16 +4,17 @@ import re
 from collections.abc import Iterator
 from glob import glob
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..render import Frame
-from ..stored_pictures import MEGAPIXELS, Image, decoded
+from ..stored_pictures import MEGAPIXELS, Image, decoded, page_count, pages, unread_kind
 from .frame_list import FRAME_LIST, times_of
-from .source import SUFFIXES, Source, rated
+from .source import SUFFIXES, Source, ValueRange, rated
 
-_LOSSY = (".jpg", ".jpeg")
 PNG_BEGIN = b"\x89PNG"
 PNG_END = b"IEND\xaeB`\x82"
 
@@ -29,9 +30,13 @@ def is_pattern(name: str) -> bool:
 
 
 def picture_source(
-    name: str, fps: float | None, without: Path | None, max_megapixels: float
+    name: str,
+    fps: float | None,
+    without: Path | None,
+    max_megapixels: float,
+    value_range: ValueRange = None,
 ) -> Source:
-    """Source of a picture, of those in a folder, or of those that match a pattern.
+    """Source of the pictures in a file, of those in a folder, or of those that match a pattern.
 
     A folder may have a list `frames.csv` with the time of each picture.
 
@@ -41,29 +46,17 @@ def picture_source(
     fps: rate (default 30), instead of the times of a list [Hz]
     without: picture that is no frame
     max_megapixels: largest picture that is decoded
+    value_range: see `as_levels`
 
     Raises
     ------
     UserError
         When there are no pictures, or their list cannot be used.
     """
-    path, place = Path(name), f"folder {name}"
-    if path.is_dir():
-        _refuse_home(path)
-        there = list(path.iterdir())
-    elif is_pattern(name):
-        place, there = f"pattern {name}", [Path(each) for each in glob(name, recursive=True)]
-    else:
-        there = [path]
-    files = [p for p in there if is_picture(p) and not p.name.startswith(".")]
-    if not files:
-        raise UserError(f"{place} has no pictures; expected {', '.join(SUFFIXES)} files")
-    if there != [path]:
-        files = [p for p in files if without is None or not p.samefile(without)]
-        files = [p for p in files if p.stem.lower() != "rest"] or files
-    if not files:
-        raise UserError(f"{place} has no pictures but {without}")
-    files.sort(key=_natural)
+    path = Path(name)
+    files, there = _files(name, without)
+    if there == [path] and (count := page_count(_content(path))) > 1:
+        return _paged_source(path, count, fps, max_megapixels, value_range)
     listed: dict[Path, float] = {}
     if fps is None and path.is_dir() and (path / FRAME_LIST).is_file():
         listed = times_of(path / FRAME_LIST, files, there)
@@ -74,7 +67,7 @@ def picture_source(
 
     def frames() -> Iterator[Frame]:
         for path, time in timed.items():
-            yield Frame(image=read_picture(path, max_megapixels), time=time)
+            yield Frame(image=read_picture(path, max_megapixels, value_range), time=time)
 
     return Source(
         name=name,
@@ -83,8 +76,69 @@ def picture_source(
         fps=rate,
         fps_from=rate_from,
         timed=bool(listed),
-        lossy=any(path.suffix.lower() in _LOSSY for path in files),
+        lossy=any(map(_lossy, files)),
         files=tuple(timed),
+    )
+
+
+def _files(name: str, without: Path | None) -> tuple[list[Path], list[Path]]:
+    """Pictures that a name stands for, in order, and all files among which they were found."""
+    path, place = Path(name), f"folder {name}"
+    if path.is_dir():
+        _refuse_home(path)
+        there = list(path.iterdir())
+    elif is_pattern(name):
+        place, there = f"pattern {name}", [Path(each) for each in glob(name, recursive=True)]
+    else:
+        there = [path]
+    files = [p for p in there if is_picture(p) and not p.name.startswith(".")]
+    if not files:
+        others = sorted({kind for p in there if p.is_file() and (kind := unread_kind(p))})
+        but = f" but {', '.join(others)}, which is not read" if others else ""
+        raise UserError(f"{place} has no pictures{but}; expected {', '.join(SUFFIXES)} files")
+    if there != [path]:
+        files = [p for p in files if without is None or not p.samefile(without)]
+        files = [p for p in files if p.stem.lower() != "rest"] or files
+    if not files:
+        raise UserError(f"{place} has no pictures but {without}")
+    return sorted(files, key=_natural), there
+
+
+def _lossy(path: Path) -> bool:
+    """Whether the compression of a picture leaves errors, by its name; a WebP may have none."""
+    suffix = path.suffix.lower()
+    return suffix in (".jpg", ".jpeg") or (
+        suffix == ".webp" and b"VP8L" not in _content(path)[:200]
+    )
+
+
+def _paged_source(
+    path: Path, count: int, fps: float | None, max_megapixels: float, value_range: ValueRange
+) -> Source:
+    """Source of the pages of a TIFF, or of an animation, which has times of its own."""
+    name = f"picture {path}"
+    first = next(pages(_content(path), name, max_megapixels)).seconds
+    rate, rate_from = rated(fps, 1.0 / first if first > 0.0 else 0.0, "the file's own")
+    timed = fps is None and first > 0.0
+
+    def frames() -> Iterator[Frame]:
+        time = 0.0
+        for index, page in enumerate(pages(_content(path), name, max_megapixels)):
+            if page.pixels is None:
+                raise UserError(f"{name} breaks off after {index} of {count} pictures")
+            image = _picture(page.pixels, f"{name}, page {index}", value_range)
+            yield Frame(image=image, time=time if timed else index / rate)
+            time += page.seconds
+
+    return Source(
+        name=str(path),
+        frames=frames,
+        count=count,
+        fps=rate,
+        fps_from=rate_from,
+        timed=timed,
+        lossy=_lossy(path),
+        files=(path,),
     )
 
 
@@ -105,44 +159,91 @@ def _refuse_home(folder: Path) -> None:
         )
 
 
-def read_picture(path: Path, max_megapixels: float = MEGAPIXELS) -> Image:
+def read_picture(
+    path: Path, max_megapixels: float = MEGAPIXELS, value_range: ValueRange = None
+) -> Image:
     """Picture of a file, sRGB, shape (H, W, 3); a grey one has three equal channels.
 
-    It is as it was stored, not turned by the file's metadata. A larger one than `max_megapixels`
-    is not decoded.
+    It is turned as viewers show it. A larger one than `max_megapixels` is not decoded.
 
     Raises
     ------
     UserError
-        When the file is no complete picture, is too large, has more than 8 bits a channel, or is
-        transparent.
+        When the file is no complete picture, holds several, is too large, is transparent, or has
+        more than 8 bits a channel without a `value_range`.
     """
-    name = f"picture {path}"
+    name, data = f"picture {path}", _content(path)
+    if (count := page_count(data)) > 1:
+        raise UserError(
+            f"{name} holds {count} pictures; wanted here: one (as a source of `chromagrip track` "
+            "such a file stands alone)"
+        )
+    return decoded_picture(data, name, path.suffix.lower()[1:], max_megapixels, value_range)
+
+
+def _content(path: Path) -> bytes:
+    """Content of the file of a picture."""
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise UserError(f"{name} cannot be read: {error.strerror}") from None
+        raise UserError(f"picture {path} cannot be read: {error.strerror}") from None
     if not data:
-        raise UserError(f"{name} is empty (0 bytes)")
-    kind = path.suffix.lower().removeprefix(".")
-    return decoded_picture(data, name, kind, max_megapixels)
+        raise UserError(f"picture {path} is empty (0 bytes)")
+    return data
 
 
-def decoded_picture(data: bytes, name: str, kind: str, max_megapixels: float) -> Image:
+def decoded_picture(
+    data: bytes, name: str, kind: str, max_megapixels: float, value_range: ValueRange = None
+) -> Image:
     """Picture of the bytes of a file; `name` and `kind` are for messages, see `read_picture`."""
-    image = decoded(data, name, max_megapixels)
-    if image is None:
-        raise UserError(f"{name} cannot be read: it is cut off, or not a {kind} file")
-    if isinstance(image, str):
-        raise UserError(
-            f"{name} has {image} values; wanted: 8 bits a channel, because the range of wider "
-            "values is not known"
-        )
-    if image.ndim == 3 and image.shape[2] == 4 and (image[..., 3] < 255).any():
-        raise UserError(f"{name} has transparent pixels; wanted: an opaque picture")
+    pixels = decoded(data, name, max_megapixels)
+    if pixels is None:
+        other = unread_kind(Path(name), data)
+        why = f"{other}, which is not read" if other else f"cut off, or not a {kind} file"
+        raise UserError(f"{name} cannot be read: it is {why}")
+    return _picture(pixels, name, value_range)
+
+
+def _picture(pixels: NDArray[Any], name: str, value_range: ValueRange) -> Image:
+    """Opaque picture of 8 bits and three channels."""
+    if pixels.ndim == 3 and pixels.shape[2] == 4:
+        opaque = np.iinfo(pixels.dtype).max if pixels.dtype.kind in "iu" else 1.0
+        if (pixels[..., 3] < opaque).any():
+            raise UserError(f"{name} has transparent pixels; wanted: an opaque picture")
+        pixels = pixels[..., :3]
+    image = as_levels(pixels, name, value_range)
     if image.ndim == 2:
         return np.repeat(image[..., None], 3, axis=2)
-    return np.ascontiguousarray(image[..., :3])
+    return np.ascontiguousarray(image)
+
+
+def as_levels(values: NDArray[Any], name: str, value_range: ValueRange) -> Image:
+    """Grey levels 0 to 255 of the values of a picture.
+
+    Parameters
+    ----------
+    values: any shape; those of 8 bits are grey levels
+    name: of the picture, for messages
+    value_range: values of black and white; those beyond become black or white
+
+    Raises
+    ------
+    UserError
+        When values have more than 8 bits, and the range is not given or they are not finite.
+    """
+    if values.dtype == np.uint8:
+        return values
+    if not np.isfinite(values).all():
+        raise UserError(f"{name} has {values.dtype} values that are not numbers")
+    if value_range is None:
+        raise UserError(
+            f"{name} has {values.dtype} values from {values.min():g} to {values.max():g}; what is "
+            "black and white in them must be given: detect, track and estimate take --value-range "
+            "BLACK,WHITE (value_range in Python)"
+        )
+    black, white = value_range
+    levels = np.float32(255.0 / (white - black)) * (values.astype(np.float32) - np.float32(black))
+    return np.rint(np.clip(levels, 0.0, 255.0)).astype(np.uint8)
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -12,7 +12,9 @@ from ..stored_pictures import Image
 from .delivery import Delivery
 
 #: Suffixes of pictures.
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+SUFFIXES = (".png", ".apng", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+#: Values of black and white of pictures with more than 8 bits; None where they are not known.
+ValueRange = tuple[float, float] | None
 #: Rate of sources that have none of their own [Hz].
 DEFAULT_FPS = 30.0
 #: Where a rate comes from that is assumed.
@@ -57,14 +59,14 @@ class FrameSource(Protocol):
 SHIPPED = {
     "camera:N": "camera, also /dev/videoN; camera:0(fps=60, exposure=100) sets and reads back fps, "
     "width and height, exposure, gain, in the driver's units",
-    "PICTURE": f"{', '.join(SUFFIXES)}",
+    "PICTURE": f"{', '.join(SUFFIXES)}; all pages of a TIFF, all frames of an animated one",
     "FOLDER": "pictures of a folder, in the order of their numbers, or with the times of its "
     "frames.csv: time_s [s] and file of each",
     "'DIR/*.png'": "pictures that match a pattern, in quotation marks",
     "VIDEO": "video file (extra video)",
     "pipe:FILE": "frames that another program writes; pipe:- is the standard input; with "
     "pipe:FILE(live=true) a slower loop skips frames",
-    "FILE.npy": "array uint8 (N, H, W, 3)",
+    "FILE.npy": "array (N, H, W, 3) or (N, H, W), uint8 or with --value-range",
     "FILE.npz": "such an array called images or frames, with times or time_s [s] if there are any",
     "BAG": "ROS 2 bag (extra ros): folder, .mcap or .db3; BAG(topic=/NAME) names one of its topics",
     "MODULE:CLASS": "class with read(), see chromagrip.sources.FrameSource",

@@ -3,14 +3,14 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import UserError
 from ..extras import need
 from ..render import Frame
-from ..stored_pictures import MORE, check_pixels
+from ..stored_pictures import MORE, check_pixels, turned
 from .source import DEFAULT_FPS, KINDS, Source, rated
 
 if TYPE_CHECKING:
@@ -74,13 +74,28 @@ def _reason(error: "av.FFmpegError") -> str:
     return f"{text} (cut off, or not a video)" if "invalid data" in text else text
 
 
+def _orientation(path: Path, picture: "av.VideoFrame") -> int:
+    """How players turn the frames of a video, as `turned` takes it."""
+    kind = need("av.sidedata.sidedata", "video").Type.DISPLAYMATRIX
+    matrix: Any = picture.side_data.get(kind)
+    if matrix is None:
+        return 1
+    # Shown at x = a·column + c·row and y = b·column + d·row, in this order a, b, 0, c, d, ….
+    a, b, _, c, d = np.sign(np.rint(np.frombuffer(bytes(matrix), "=i4")[:5] / 2**16)).astype(int)
+    known = ((1, 0, 0, 1), (-1, 0, 0, 1), (-1, 0, 0, -1), (1, 0, 0, -1),
+             (0, 1, 1, 0), (0, 1, -1, 0), (0, -1, -1, 0), (0, -1, 1, 0))  # fmt: skip
+    if (a, b, c, d) not in known and (a, b, c, d) != (0, 0, 0, 0):
+        raise UserError(f"video {path} is turned by no multiple of 90°; wanted: one that is")
+    return known.index((a, b, c, d)) + 1 if (a, b, c, d) in known else 1
+
+
 def _frames(path: Path, fps: float | None, max_megapixels: float) -> Iterator[Frame]:
     """Frames with the file's own times, or evenly at `fps`; a UserError where it is cut off."""
     av = need("av", "video")
     with _open_video(path, max_megapixels) as container:
         stream = container.streams.video[0]
         rate = float(stream.average_rate or DEFAULT_FPS)
-        count, first, last = 0, 0.0, 0.0
+        count, first, last, orientation = 0, 0.0, 0.0, 1
 
         def broken(why: str) -> UserError:
             expected = f" of {stream.frames}" if stream.frames else ""
@@ -91,8 +106,10 @@ def _frames(path: Path, fps: float | None, max_megapixels: float) -> Iterator[Fr
                 if picture.is_corrupt:
                     raise broken("the next one is damaged")
                 last = count / rate if picture.time is None else picture.time
-                first = last if count == 0 else first
+                if count == 0:
+                    first, orientation = last, _orientation(path, picture)
                 image = np.asarray(picture.to_ndarray(format="rgb24"), dtype=np.uint8)
+                image = image if orientation == 1 else turned(image, orientation)
                 yield Frame(image=image, time=last if fps is None else count / fps)
                 count += 1
         except av.FFmpegError as error:

@@ -62,8 +62,8 @@ def read_image(path: Path, max_megapixels: float = MEGAPIXELS) -> Picture:
         data = path.read_bytes()
     except OSError as error:
         raise UserError(f"image {path} cannot be read: {error.strerror}") from None
-    image = decoded(data, f"image {path}", max_megapixels, grey=True)
-    if image is None or isinstance(image, str):
+    image: Picture | None = decoded(data, f"image {path}", max_megapixels, grey=True)
+    if image is None:
         raise UserError(f"image {path} cannot be read: it is not a whole png or jpg file")
     return image
 

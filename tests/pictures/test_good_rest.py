@@ -1,0 +1,188 @@
+"""Rest frames that are unlike the others are left out and named; good ones are not."""
+
+import functools
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from scipy.spatial import KDTree
+
+from chromagrip.pictures.good_rest import median, unlike
+
+Typed = Callable[..., CompletedProcess[str]]
+
+
+@functools.cache
+def clean(
+    shift: float = 0.0, radius: float = 5.0, pitch: int = 24, contrast: float = 0.7
+) -> np.ndarray:
+    """Dark dots on a shaded ground, moved to the right, without noise (120, 160)."""
+    y, x = np.mgrid[:120, :160]
+    places = np.stack(np.meshgrid(np.arange(16, 150, pitch), np.arange(16, 112, pitch)), -1)
+    places = places + np.random.default_rng(pitch).uniform(-2.0, 2.0, places.shape)
+    far = KDTree(places.reshape(-1, 2) + np.array([shift, 0.0])).query(np.stack([x, y], -1))[0]
+    covered = contrast / (1.0 + np.exp((far - radius) / 0.6))
+    return np.asarray((210.0 - 0.3 * x) * (1.0 - covered))
+
+
+def shot(grey: np.ndarray, rng: np.random.Generator, noise: float = 2.0) -> np.ndarray:
+    """Picture with noise, RGB."""
+    noisy = rng.normal(grey[..., None], noise, (*grey.shape, 3))
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def torn(grey: np.ndarray) -> np.ndarray:
+    """The lower third as it is in a frame shifted by 11 pixels."""
+    return np.vstack([grey[:80], np.roll(grey, 11, axis=1)[80:]])
+
+
+def covered(grey: np.ndarray) -> np.ndarray:
+    """A thumb on the right half."""
+    return np.where(np.arange(160) < 80, grey, 70.0)
+
+
+FAULTS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
+    "black": (lambda grey: 0.0 * grey + 2.0, "black"),
+    "grey": (lambda grey: 0.0 * grey + 128.0, "empty"),
+    "dark": (lambda grey: 0.3 * grey, "darker"),
+    "blurred": (lambda grey: cv2.GaussianBlur(grey, (0, 0), 5.0), "blurred"),
+    "torn": (torn, "moved, covered or torn in"),
+    "covered": (covered, "moved, covered or torn in"),
+    "moved": (lambda grey: np.roll(grey, 9, axis=1), "moved, covered or torn in"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(("count", "at"), [(8, 0), (8, 5), (4, 2), (3, 1)])
+def test_a_bad_frame_is_named(fault: str, count: int, at: int) -> None:
+    rng = np.random.default_rng(count + at)
+    spoil, words = FAULTS[fault]
+    frames = [shot(spoil(clean()) if k == at else clean(), rng) for k in range(count)]
+    found = unlike(frames)
+    assert list(found) == [at]
+    assert found[at].startswith(words)
+
+
+def test_three_bad_ones_of_eight_are_named() -> None:
+    rng = np.random.default_rng(3)
+    frames = [shot(clean(), rng) for _ in range(8)]
+    frames[1], frames[2] = shot(torn(clean()), rng), shot(np.roll(clean(), 14, axis=0), rng)
+    frames[6] = shot(covered(clean()), rng)
+    assert list(unlike(frames)) == [1, 2, 6]
+
+
+def test_good_frames_are_kept() -> None:
+    """Of 1000 with any noise, contrast and size, and a slow drift, at most one is left out."""
+    rng, frames, left_out = np.random.default_rng(7), 0, 0
+    while frames < 1000:
+        count, noise, drift = (
+            int(rng.integers(2, 9)),
+            rng.uniform(0.3, 25.0),
+            rng.choice([0.0, 0.3]),
+        )
+        radius, pitch = ((2.0, 14), (3.5, 16), (6.0, 30))[rng.integers(3)]
+        contrast = float(rng.choice([0.03, 0.1, 0.7]))
+        light = rng.uniform(0.85, 1.0, count)
+        pictures = [
+            shot(light[k] * clean(drift * k, radius, pitch, contrast)[:96, :120], rng, noise)
+            for k in range(count)
+        ]
+        left_out += len(unlike(pictures))
+        frames += count
+    assert left_out <= 1
+
+
+def test_what_moves_beside_the_sensor_does_not_count() -> None:
+    rng, field = np.random.default_rng(4), np.arange(160) < np.full((120, 1), 100)
+    frames = [shot(np.where(field, clean(), np.roll(clean(), 9 * k)), rng) for k in range(5)]
+    assert len(unlike(frames)) > 0
+    assert unlike(frames, field) == {}
+
+
+def test_the_median_is_that_of_numpy() -> None:
+    rng = np.random.default_rng(5)
+    for count in (1, 2, 3, 6, 9):
+        images = [*rng.integers(0, 256, (count, 5, 7, 3)).astype(np.uint8)]
+        assert np.array_equal(median(images), np.median(images, axis=0).astype(np.uint8))
+
+
+def write(folder: Path, images: list[np.ndarray]) -> None:
+    folder.mkdir()
+    for k, image in enumerate(images):
+        cv2.imwrite(str(folder / f"shot-{k}.png"), image)
+
+
+@pytest.mark.parametrize("tracker", ["fit", "detect"])
+def test_followed_means_one_thing(tracker: str, typed: Typed, tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    images = [shot(clean(), rng) for _ in range(9)]
+    images[0][:], images[3] = 1, shot(covered(clean()), rng)
+    write(tmp_path / "shots", images)
+    words = ("track", "first:8", "shots", "--palette", "dark-dots", "--tracker", tracker)
+    done = typed(*words, "--out", "out")
+    assert done.returncode == 0, done.stderr
+    said = " ".join(done.stdout.split())
+    assert "first 8 frames of the source, 2 of them left out" in said
+    assert "left out at rest frame 0 of shots (shot-0.png): black" in said
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    left_out = summary["rest_left_out"]
+    assert [each["frame"] for each in left_out] == [0, 3]
+    assert left_out[1]["name"] == "frame 3 of shots (shot-3.png)"
+    assert re.match(r"moved, covered or torn in [456]\d% of it", left_out[1]["because"])
+    table = pq.read_table(tmp_path / "out/tracks.parquet").to_pydict()
+    at_rest = np.isfinite(np.array(table["rest_x_px"], dtype=float))
+    assert not (np.array(table["visible"]) & ~at_rest).any()
+    followed = summary["layers"]["dark"]["markers"]
+    assert at_rest.sum() == followed * 9 == 24 * 9
+    assert summary["not_followed"] == []
+
+
+def test_markers_that_a_tracker_finds_later_are_not_followed(
+    typed: Typed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tracker that knows no place at rest of its second marker, and gives places later."""
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\n"
+        "from chromagrip.tracking import Tracks\n"
+        "class Late:\n"
+        "    def __init__(self, palette, noise): self.state = None\n"
+        "    def reset(self, rest):\n"
+        "        return Tracks.of_positions(0.0, np.array([[[9.0, 9.0], [np.nan, np.nan]]]))\n"
+        "    def update(self, frame):\n"
+        "        return Tracks.of_positions(frame.time, np.array([[[9.0, 8.0], [50.0, 40.0]]]))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    rng = np.random.default_rng(6)
+    write(tmp_path / "shots", [shot(clean(), rng) for _ in range(2)])
+    words = ("track", "first", "shots", "--palette", "dark-dots", "--tracker", "mine:Late")
+    done = typed(*words, "--out", "out", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["layers"]["dark"]["markers"] == 1
+    table = pq.read_table(tmp_path / "out/tracks.parquet").to_pydict()
+    assert table["visible"] == [True, False] * 2
+    assert table["x_px"] == table["rest_x_px"] == [9.0, None] * 2
+    assert table["last_seen_s"][1::2] == [None, None]
+
+
+@pytest.mark.parametrize(("bad", "code"), [(4, 0), (5, 2)])
+def test_fewer_than_half_good_ones_are_refused(
+    bad: int, code: int, typed: Typed, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(9)
+    write(tmp_path / "rest", [shot(0.0 * clean(), rng) for _ in range(bad)])
+    for k in range(bad, 8):
+        cv2.imwrite(str(tmp_path / f"rest/shot-{k}.png"), shot(clean(), rng))
+    write(tmp_path / "shots", [shot(clean(), rng)])
+    done = typed("track", "rest", "shots", "--palette", "dark-dots", "--json")
+    assert done.returncode == code
+    if code:
+        assert done.stderr.startswith("chromagrip: rest rest: only 3 of 8 rest frames are alike")
+        assert done.stderr.count("\n") == 1
+    else:
+        assert len(json.loads(done.stdout)["rest_left_out"]) == 4

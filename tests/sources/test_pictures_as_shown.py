@@ -1,0 +1,223 @@
+"""Pictures and videos are read as viewers show them: turned, page by page, in levels of 8 bits."""
+
+import io
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import av
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image, ImageOps, TiffImagePlugin
+
+from chromagrip.errors import UserError
+from chromagrip.pictures.find_sensor import Within
+from chromagrip.sources import open_source
+from chromagrip.sources.picture_files import read_picture
+
+Typed = Callable[..., CompletedProcess[str]]
+RNG = np.random.default_rng(8)
+#: Smooth colours without any symmetry, so that JPEG keeps them.
+SHOWN = cv2.resize(RNG.integers(0, 256, (3, 4, 3)).astype(np.uint8), (32, 24))
+#: Signs of a, b, c and d of a video's matrix by the orientation of EXIF, and the turn that FFmpeg
+#: reads in those that do not mirror [°, to the left].
+MATRICES = {
+    1: ((1, 0, 0, 1), 0), 2: ((-1, 0, 0, 1), None), 3: ((-1, 0, 0, -1), 180),
+    4: ((1, 0, 0, -1), None), 5: ((0, 1, 1, 0), None), 6: ((0, 1, -1, 0), -90),
+    7: ((0, -1, -1, 0), None), 8: ((0, -1, 1, 0), 90),
+}  # fmt: skip
+
+
+def stored(orientation: int, kind: str) -> tuple[bytes, np.ndarray]:
+    """File of a picture with a note how it is turned, and the same as Pillow shows it."""
+    image, file = Image.fromarray(SHOWN), io.BytesIO()
+    if kind == "TIFF":
+        note = TiffImagePlugin.ImageFileDirectory_v2()
+        note[0x0112] = orientation
+        image.save(file, kind, tiffinfo=note)
+    else:
+        exif = Image.Exif()
+        exif[0x0112] = orientation
+        image.save(file, kind, exif=exif, **({"lossless": True} if kind == "WEBP" else {}))
+    return file.getvalue(), np.asarray(ImageOps.exif_transpose(Image.open(file)).convert("RGB"))
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "TIFF", "WEBP"])
+def test_pictures_are_turned_as_their_notes_say(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / f"0.{kind.lower()}"
+    for orientation in range(1, 9):
+        data, shown = stored(orientation, kind)
+        path.write_bytes(data)
+        assert np.array_equal(read_picture(path), shown), orientation
+        assert np.array_equal(next(open_source(str(tmp_path)).frames()).image, shown)
+    assert shown.shape == (32, 24, 3)
+
+
+def test_a_mask_is_turned_too(tmp_path: Path) -> None:
+    left = Image.fromarray(np.repeat(np.uint8([[255] * 8 + [0] * 24]), 24, axis=0))
+    exif = Image.Exif()
+    exif[0x0112] = 6  # the left end is shown above
+    left.save(tmp_path / "mask.png", exif=exif)
+    part = Within(mask=tmp_path / "mask.png").of(32, 24)
+    assert part is not None
+    assert part[:8].all()
+    assert not part[8:].any()
+
+
+@pytest.mark.parametrize("orientation", MATRICES)
+def test_videos_are_turned_as_their_matrix_says(orientation: int, tmp_path: Path) -> None:
+    path = tmp_path / "turned.mp4"
+    with av.open(str(path), "w") as video:
+        stream = video.add_stream("libx264rgb", rate=20, options={"qp": "0"})
+        stream.width, stream.height, stream.pix_fmt = 32, 24, "rgb24"
+        frame = av.VideoFrame.from_ndarray(SHOWN, format="rgb24")
+        video.mux([*stream.encode(frame), *stream.encode(None)])
+    data = bytearray(path.read_bytes())
+    at = data.index(
+        struct.pack(">9i", 1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30), data.index(b"tkhd")
+    )
+    signs, turn = MATRICES[orientation]
+    a, b, c, d = (sign << 16 for sign in signs)
+    data[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    path.write_bytes(data)
+    with av.open(str(path)) as video:
+        rotation = next(video.decode(video=0)).rotation
+    assert turn is None or (rotation - turn) % 360 == 0
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    image = Image.fromarray(SHOWN)
+    image.info["exif"] = exif.tobytes()
+    shown = np.asarray(ImageOps.exif_transpose(image))
+    assert np.array_equal(next(open_source(str(path)).frames()).image, shown)
+
+
+@pytest.mark.parametrize("kind", ["tif", "png", "webp"])
+def test_all_pictures_of_a_file_are_frames(kind: str, tmp_path: Path) -> None:
+    images = RNG.integers(0, 256, (5, 24, 32, 3)).astype(np.uint8)
+    first, *others = map(Image.fromarray, images)
+    durations = {} if kind == "tif" else {"duration": [20, 30, 40, 50, 60]}
+    lossless = {"lossless": True} if kind == "webp" else {}
+    path = tmp_path / f"several.{kind}"
+    first.save(path, save_all=True, append_images=others, **durations, **lossless)
+    source = open_source(str(path))
+    frames = list(source.frames())
+    assert source.count == 5
+    assert not source.lossy
+    assert np.array_equal([frame.image for frame in frames], images)
+    times = np.arange(5) / 30.0 if kind == "tif" else [0.0, 0.02, 0.05, 0.09, 0.14]
+    assert [frame.time for frame in frames] == pytest.approx(times)
+    assert [frame.time for frame in open_source(str(path), fps=10).frames()][4] == pytest.approx(
+        0.4
+    )
+    with pytest.raises(UserError, match="holds 5 pictures"):
+        read_picture(path)
+    path.write_bytes(path.read_bytes()[:-2000])
+    with pytest.raises(UserError, match=r"breaks off after \d of|cannot be read"):
+        list(open_source(str(path)).frames())
+
+
+def test_previews_in_a_tiff_are_no_frames(tmp_path: Path) -> None:
+    preview = TiffImagePlugin.ImageFileDirectory_v2()
+    preview[254] = 1
+    small = Image.new("RGB", (8, 6))
+    small.encoderinfo = {"tiffinfo": preview}
+    Image.fromarray(SHOWN).save(tmp_path / "0.tif", save_all=True, append_images=[small])
+    assert np.array_equal(read_picture(tmp_path / "0.tif"), SHOWN)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "suffix"), [(np.uint16, "png"), (np.uint16, "tif"), (np.float32, "tif")]
+)
+def test_values_of_more_than_8_bits_need_a_range(dtype: type, suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"0.{suffix}"
+    values = RNG.uniform(900.0, 4200.0, (24, 32, 3)).astype(dtype)
+    cv2.imwrite(str(path), values[..., ::-1])
+    with pytest.raises(UserError, match=r"16 values from 9\d\d to 41\d\d|float32 .*--value-range"):
+        read_picture(path)
+    levels = read_picture(path, value_range=(1000.0, 4000.0)).astype(float)
+    true = np.clip((values.astype(float) - 1000.0) / 3000.0 * 255.0, 0.0, 255.0)
+    assert abs(levels - true).max() <= 0.5 + 1e-3
+    np.save(tmp_path / "0.npy", np.stack([values, values]))
+    frames = list(open_source(str(tmp_path / "0.npy"), value_range=(1000.0, 4000.0)).frames())
+    assert np.array_equal(frames[1].image, levels)
+    with pytest.raises(UserError, match="--value-range"):
+        open_source(str(tmp_path / "0.npy"))
+
+
+def test_values_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+    values = np.ones((24, 32), np.float32)
+    values[3, 4] = np.nan
+    cv2.imwrite(str(tmp_path / "0.tif"), values)
+    with pytest.raises(UserError, match="not numbers"):
+        read_picture(tmp_path / "0.tif", value_range=(0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "kind"),
+    [
+        ("a.heic", b"\0\0\0\x18ftypheic", "HEIF"),
+        ("a.jpg", b"\0\0\0\x18ftypheic", "HEIF"),
+        ("a.exr", b"v/1\x01", "OpenEXR"),
+        ("a.hdr", b"#?RADIANCE\n", "Radiance HDR"),
+        ("a.psd", b"8BPS\0\x01", "Photoshop"),
+        ("a.nef", b"MM\0*\0\0\0\x08", "camera raw"),
+        ("a.png", b"\0\0\0\x0cJXL \r\n", "JPEG XL"),
+    ],
+)
+def test_what_is_not_read_is_refused_by_name(
+    name: str, data: bytes, kind: str, typed: Typed, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(data + bytes(200))
+    for command in (("detect", name), ("track", "first", name), ("track", name, name)):
+        done = typed(*command)
+        assert done.returncode == 2
+        assert done.stderr.count("\n") == 1
+        assert f"is {kind}, which is not read" in done.stderr
+
+
+def test_a_folder_of_what_is_not_read_names_it(tmp_path: Path) -> None:
+    (tmp_path / "a.heic").write_bytes(b"\0\0\0\x18ftypheic")
+    with pytest.raises(UserError, match="has no pictures but HEIF, which is not read"):
+        open_source(str(tmp_path))
+
+
+@pytest.mark.parametrize("given", ["0", "5,5", "9,1", "nan,1", "0,inf", "a,b"])
+def test_a_wrong_range_is_refused(given: str, typed: Typed) -> None:
+    done = typed("detect", "0.png", "--value-range", given)
+    assert done.returncode == 2
+    assert "expected BLACK,WHITE" in done.stderr
+
+
+def test_a_wide_stack_is_tracked(typed: Typed, tmp_path: Path) -> None:
+    """Of 16 bits, turned by its note: positions are those of the picture as it is shown."""
+    y, x = np.mgrid[:120, :160]
+    places = np.stack(np.meshgrid(np.arange(20, 150, 24), np.arange(20, 110, 24)), -1).reshape(
+        -1, 2
+    )
+    places = places + RNG.uniform(-3.0, 3.0, places.shape)
+    far = np.sqrt(((np.stack([x, y], -1)[..., None, :] - places) ** 2).sum(-1)).min(-1)
+    light = 3000.0 - 2200.0 / (1.0 + np.exp((far - 5.0) / 0.5))
+    note = TiffImagePlugin.ImageFileDirectory_v2()
+    note[0x0112] = 3
+    pages = [
+        Image.fromarray(np.ascontiguousarray(RNG.normal(light, 20.0)[::-1, ::-1]).astype(np.uint16))
+        for _ in range(4)
+    ]
+    for page in pages:
+        page.encoderinfo = {"tiffinfo": note}
+    pages[0].save(tmp_path / "stack.tif", save_all=True, append_images=pages[1:], tiffinfo=note)
+    words = ("track", "first:4", "stack.tif", "--tracker", "detect", "--json", "--out", "out")
+    assert "--value-range" in typed(*words).stderr
+    done = typed(*words, "--value-range", "500,3300", "--overwrite")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert (summary["frames"], summary["width_px"]) == (4, 160)
+    table = pq.read_table(tmp_path / "out/tracks.parquet", filters=[("frame", "=", 3)])
+    found = np.column_stack([table["x_px"], table["y_px"]])
+    assert len(found) == len(places)
+    away = np.linalg.norm(found[:, None] - places, axis=-1).min(axis=0)
+    assert away.max() < 0.3
