@@ -76,9 +76,16 @@ class MembraneMap:
 
     def __call__(self, displacement: Array) -> Membrane:
         """Membrane for node displacements (x, z) relative to the rigid part [m], shape (N, 2)."""
-        seen = np.ascontiguousarray(displacement, dtype=float)
-        centres, axes = np.empty(self._rest.shape), np.empty((*self._rest.shape, 2))
-        carry_markers(seen, *self._places, centres, axes)
+        return self.many(np.asarray(displacement)[None])
+
+    def many(self, displacements: Array) -> Membrane:
+        """Membranes for B displacements (B, N, 2) [m], as one of 2·B layers."""
+        seen = np.ascontiguousarray(displacements, dtype=float)
+        shape = (len(seen), *self._rest.shape)
+        centres, axes = np.empty(shape), np.empty((*shape, 2))
+        for one, centre, axis in zip(seen, centres, axes, strict=True):
+            carry_markers(one, *self._places, centre, axis)
+        centres, axes = centres.reshape(-1, *shape[2:]), axes.reshape(-1, *shape[2:], 2)
         return Membrane(centres=centres, axes=axes)
 
 

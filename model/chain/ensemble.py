@@ -5,7 +5,7 @@
 The compiled loop releases the interpreter lock, so that threads can share the batch.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
@@ -30,8 +30,9 @@ Array = NDArray[np.float64]
 #: Whether rigid part and object have a given position. As a literal in a kernel it would compile
 #: `advance` again.
 _FREE, _HELD = (False, False), (True, True)
-#: Rule of `place_many`, for many copies that need not be exact: as IMPLICIT, to 0.1 µm.
-_ROUGHLY = IMPLICIT._replace(tolerance=1e-7)
+#: Rule of `place_many`, for many copies that need not be exact: to 0.1 µm, and of first order, as
+#: the motion before a step may have been one that is known only roughly.
+_ROUGHLY = IMPLICIT._replace(tolerance=1e-7, second_order=False)
 #: Shortest part of a step that is divided because it has no solution, and most tries.
 _LEAST_PART, _MOST_TRIES = 1e-3, 60
 
@@ -67,8 +68,11 @@ class Ensemble:
     def take(self, rows: Sequence[int]) -> "Ensemble":
         """Some of the fingertips, in this order; they may repeat."""
         picked = np.asarray(rows)
-        parts = self.nodes, self.friction, self.slip_rate, self.pose, self.rate
-        return _stepped(self.time, tuple(part[picked] for part in parts), self.step)
+        return self.each(lambda part: part[picked])
+
+    def each(self, change: Callable[[Array], Array]) -> "Ensemble":
+        """The same with each array changed, such as to combinations of the fingertips."""
+        return _stepped(self.time, tuple(change(part) for part in _parts(self)), self.step)
 
     def state(self, index: int) -> State:
         """State of one fingertip."""
@@ -83,14 +87,20 @@ class Ensemble:
         )
 
 
+def _parts(ensemble: Ensemble) -> tuple[Array, ...]:
+    """What kernels step in place: displacements, friction, slip rate, pose and rates."""
+    return (
+        ensemble.nodes, ensemble.friction, ensemble.slip_rate, ensemble.pose, ensemble.rate,
+    )  # fmt: skip
+
+
 def _copied(ensemble: Ensemble) -> tuple[Array, ...]:
-    """Copies of what kernels step in place: displacements, friction, slip rate, pose and rates."""
-    parts = ensemble.nodes, ensemble.friction, ensemble.slip_rate, ensemble.pose, ensemble.rate
-    return tuple(part.copy() for part in parts)
+    """Copies of these."""
+    return tuple(part.copy() for part in _parts(ensemble))
 
 
 def _stepped(time: float, parts: tuple[Array, ...], step: float) -> Ensemble:
-    """Ensemble at a time [s] of parts as of `_copied`, after a step [s]."""
+    """Ensemble at a time [s] of parts as of `_parts`, after a step [s]."""
     nodes, friction, slip_rate, pose, rate = parts
     return Ensemble(
         time=time,
@@ -229,25 +239,20 @@ def _advance_many(
 
 @dataclass(frozen=True, kw_only=True)
 class Copies:
-    """Parameters of B copies of a fingertip, each with an object and a membrane of its own.
+    """Parameters of B copies of a fingertip, each with an object of its own.
 
     Attributes
     ----------
     chain: parameters of the fingertip
     contacts: parameters of the objects, shape (B, 8)
-    membrane: factors on the stiffness of the membrane, shape (B,)
     """
 
     chain: Chain
     contacts: Array
-    membrane: Array
 
     def take(self, rows: Sequence[int]) -> "Copies":
         """Some of the copies, in this order; they may repeat."""
-        picked = np.asarray(rows)
-        return Copies(
-            chain=self.chain, contacts=self.contacts[picked], membrane=self.membrane[picked]
-        )
+        return Copies(chain=self.chain, contacts=self.contacts[np.asarray(rows)])
 
     def sums(self, ensemble: Ensemble) -> Array:
         """ΣFn, and ΣFf along the object's tangent, of each copy [N], shape (B, 2)."""
@@ -256,18 +261,38 @@ class Copies:
         return out
 
 
-def copies_of(fingertip: Fingertip, objects: Sequence[ContactObject], membrane: Array) -> Copies:
-    """Make copies of a fingertip, with B flat or round objects and factors (B,) of the membrane.
+def copies_of(
+    fingertip: Fingertip,
+    *,
+    friction: Array,
+    curvature: Array,
+    stiffness: Array,
+    dahl_stiffness: Array,
+    dahl_exponent: Array,
+) -> Copies:
+    """Make B copies of a fingertip, each with a flat or round object that travels.
+
+    Parameters
+    ----------
+    fingertip: the same for all
+    friction, curvature, stiffness, dahl_stiffness, dahl_exponent: as of `ContactObject`, shape (B,)
 
     Raises
     ------
     UserError
-        When an object has a profile or patches, or a fingertip does not enter its hollow.
+        When the fingertip does not enter a hollow.
     """
-    if any(obj.profile is not None or obj.patches for obj in objects):
-        raise UserError("copies take flat and round objects of one friction each")
-    contacts = np.array([contact(fingertip, obj)[:8] for obj in objects])
-    return Copies(chain=chain(fingertip), contacts=contacts, membrane=membrane)
+    radius = 1.0 / np.where(curvature == 0.0, np.inf, curvature)
+    x, z = fingertip.rest_positions().T
+    if (np.abs(radius[radius < 0.0]) < abs(x).max()).any():
+        raise UserError("a fingertip is too wide for a hollow object of this curvature")
+    # A circle in a form that does not lose a small curvature; nodes beside it never touch.
+    bend = curvature[:, None] * x
+    depth = bend * x / (1.0 + np.sqrt(np.maximum(1.0 - bend**2, 0.0)))
+    lift = np.where(abs(bend) < 1.0, z - depth, -np.inf).max(axis=1)
+    none, travels = np.zeros(len(friction)), np.ones(len(friction))
+    columns = (stiffness, friction, dahl_stiffness, dahl_exponent, none, curvature, lift, travels)
+    return Copies(chain=chain(fingertip), contacts=np.stack(columns, axis=1))
 
 
 def place_many(
@@ -290,7 +315,7 @@ def place_many(
     solved = np.empty(len(poses), np.bool_)
     memory = _memory(copies.chain.rest.shape[0])
     _place_many(
-        copies.chain, copies.contacts, copies.membrane, memory, *y, dt, ensemble.step, _HELD,
+        copies.chain, copies.contacts, memory, *y, dt, ensemble.step, _HELD,
         np.ascontiguousarray(poses, dtype=float), _ROUGHLY, NO_RECORD, solved,
     )  # fmt: skip
     return _stepped(ensemble.time + dt, y, dt), solved
@@ -298,7 +323,7 @@ def place_many(
 
 @njit()
 def _place_many(
-    ch: Chain, contacts: Array, membrane: Array, w: Scratch, u: Array, friction: Array,
+    ch: Chain, contacts: Array, w: Scratch, u: Array, friction: Array,
     slip: Array, pose: Array, rate: Array, dt: float, before: float, held: tuple[bool, bool],
     poses: Array, rule: Rule, nothing: Record, solved: NDArray[np.bool_],
 ) -> None:  # fmt: skip
@@ -310,17 +335,13 @@ def _place_many(
         ct = Contact(
             c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], no_knots, no_pieces, no_knots, no_knots
         )
-        own = Chain(
-            ch.rest, ch.share, ch.tissue, ch.membrane * membrane[b], ch.cross_tissue,
-            ch.cross_membrane, ch.damping, ch.damping_rigid, ch.law, ch.half,
-        )  # fmt: skip
         start[:-1], start[-1] = u[b], pose[b]
         left, part, last, tries = 1.0, 1.0, before, 0
         while left > 0.0 and part >= _LEAST_PART and tries < _MOST_TRIES:
             part = min(part, left)
             goal[0] = start[-1] + (1.0 - left + part) * (poses[b] - start[-1])
             _, ended = advance(
-                own, ct, w, u[b], friction[b], slip[b], pose[b], rate[b], part * dt, last, held,
+                ch, ct, w, u[b], friction[b], slip[b], pose[b], rate[b], part * dt, last, held,
                 goal, rule, nothing, 0, 2,
             )  # fmt: skip
             tries += 1

@@ -8,6 +8,7 @@ import pytest
 from chromagrip.errors import UserError
 from chromagrip.model import (
     ContactObject,
+    Copies,
     Drive,
     Fingertip,
     History,
@@ -17,10 +18,11 @@ from chromagrip.model import (
     rest_ensemble,
     simulate,
 )
+from chromagrip.model.chain.assembly import contact
 from chromagrip.tracking import NoEstimateError, Tracks
 from chromagrip.tracking.forces.chain.learned import Learned
-from chromagrip.tracking.forces.chain.settings import WaySettings
-from chromagrip.tracking.forces.chain.way_fit import Followed, WayFit, WayFrame
+from chromagrip.tracking.forces.chain.settings import FilterSettings
+from chromagrip.tracking.forces.chain.way_filter import CONSTANTS, WayFilter, WayFrame
 from chromagrip.tracking.forces.chain.way_reading import WayReading
 
 from .test_learned import KNOWN, SENSOR, TIP, Specimen
@@ -39,6 +41,14 @@ def grasp_of(duration: float = 0.5) -> History:
         lateral=np.array([0.0, 0.0, 0.62, 0.62]),
     )
     return simulate(TIP, OBJECT, drive, dt=2e-3, duration=duration, every=round(PERIOD / 2e-3))
+
+
+def copies(tip: Fingertip, objects: list[ContactObject]) -> Copies:
+    """Copies of a fingertip with these objects."""
+    names = ("friction", "curvature", "stiffness", "dahl_stiffness", "dahl_exponent")
+    return copies_of(
+        tip, **{name: np.array([getattr(obj, name) for obj in objects]) for name in names}
+    )
 
 
 def seen_by(specimen: Specimen, run: History) -> list[Tracks]:
@@ -65,27 +75,16 @@ def test_placed_copies_go_as_the_chain_under_position_control(run: History) -> N
         lateral_control="position",
     )
     exact = simulate(TIP, OBJECT, drive, dt=PERIOD, duration=float(run.time[-1]), every=1)
-    copies = copies_of(TIP, [OBJECT, OBJECT], np.ones(2))
+    two = copies(TIP, [OBJECT, OBJECT])
     ensemble = rest_ensemble(TIP, 2)
     for pose in run.pose[1:]:
-        ensemble, solved = place_many(copies, ensemble, np.tile(pose, (2, 1)), PERIOD)
+        ensemble, solved = place_many(two, ensemble, np.tile(pose, (2, 1)), PERIOD)
         assert solved.all()
     assert abs(ensemble.nodes - exact.nodes[-1]).max() < 2e-6
     forces = contact_forces(TIP, OBJECT, exact.state(len(exact) - 1))
-    for normal, friction in copies.sums(ensemble):
+    for normal, friction in two.sums(ensemble):
         assert normal == pytest.approx(forces.total_normal, rel=2e-3)
         assert friction == pytest.approx(forces.total_friction, rel=5e-3)
-
-
-def test_a_membrane_of_its_own_changes_a_copy_as_it_changes_the_chain() -> None:
-    stiffer = replace(TIP, membrane_stiffness=1.2 * TIP.membrane_stiffness)
-    mixed = copies_of(TIP, [OBJECT, OBJECT], np.array([1.0, 1.2]))
-    alone = copies_of(stiffer, [OBJECT], np.ones(1))
-    pose = np.array([[0.5e-3, 0.1e-3]])
-    both, _ = place_many(mixed, rest_ensemble(TIP, 2), np.tile(pose, (2, 1)), PERIOD)
-    one, _ = place_many(alone, rest_ensemble(stiffer, 1), pose, PERIOD)
-    np.testing.assert_allclose(both.nodes[1], one.nodes[0], atol=1e-12)
-    assert abs(both.nodes[0] - one.nodes[0]).max() > 1e-6
 
 
 @pytest.mark.parametrize("turned", [0.0, 2.0])
@@ -111,10 +110,10 @@ def test_frames_without_contact_end_a_way(run: History) -> None:
     reading = WayReading(KNOWN, specimen.rest)
     for tracks in seen_by(specimen, run)[:20]:
         reading.update(tracks)
-    assert reading._way.frames
+    assert reading._filter.misfits
     nothing = specimen.tracks(np.zeros((TIP.nodes, 2)), 1.0, 7)
     assert not reading.update(replace(nothing, time=1.0)).contact.any()
-    assert not reading._way.frames
+    assert not reading._filter.misfits
 
 
 def test_a_way_that_no_contact_explains_is_doubted(run: History) -> None:
@@ -142,35 +141,90 @@ def test_a_way_that_no_contact_explains_is_doubted(run: History) -> None:
     assert refused < 30
 
 
-def test_copies_leave_what_their_constants_change(run: History) -> None:
-    """With the true constants at copy 0, the sum of squares has its minimum near it."""
-    specimen, settings = Specimen(), WaySettings()
+@pytest.mark.parametrize("curvature", [0.0, 1e-6, 30.0, 230.0, -60.0])
+def test_copies_touch_where_objects_do(curvature: float) -> None:
+    """A copy is placed on a round or hollow object as the chain is."""
+    obj = replace(OBJECT, curvature=curvature)
+    alone = copies(TIP, [obj])
+    lift = alone.contacts[0, 6]
+    assert lift == pytest.approx(contact(TIP, obj).lift, abs=1e-12)
+    just, _ = place_many(alone, rest_ensemble(TIP, 1), np.array([[-1e-6, 0.0]]), PERIOD)
+    assert alone.sums(just)[0, 0] == 0.0
+    pressed, _ = place_many(alone, rest_ensemble(TIP, 1), np.array([[100e-6, 0.0]]), PERIOD)
+    assert alone.sums(pressed)[0, 0] > 0.0
+
+
+def test_copies_do_not_enter_a_narrow_hollow() -> None:
+    with pytest.raises(UserError, match="too wide for a hollow"):
+        copies(TIP, [OBJECT, replace(OBJECT, curvature=-900.0)])
+
+
+def followed(run: History, specimen: Specimen) -> WayFilter:
+    """Filter that has followed a run."""
     reading = WayReading(KNOWN, specimen.rest)
-    fit = WayFit(TIP, SENSOR, reading._shifts.places, 0.0, settings)
-    law = [np.log(OBJECT.dahl_stiffness), OBJECT.dahl_exponent, 0.0]
+    for tracks in seen_by(specimen, run):
+        reading.update(tracks)
+    return reading._filter
+
+
+def test_a_filter_finds_object_and_law(run: History) -> None:
+    """Constants that no member began with are within the members' scatter, which has shrunk."""
+    found = followed(run, Specimen())
+    begin = WayFilter(TIP, SENSOR, np.stack([SENSOR.places] * 2), FilterSettings())
+    law = [np.log(OBJECT.dahl_stiffness), OBJECT.dahl_exponent]
     truth = np.array([np.log(0.45), 30.0, np.log(400.0), *law])
-    wrong = truth + np.array([0.16, 16.0, -0.24, 0.0, 0.0, 0.0])
+    mean, deviation = found.constants.mean(axis=0)[:5], found.constants.std(axis=0)[:5]
+    first = begin.constants.std(axis=0)[:5]
+    assert len(CONSTANTS) == found.constants.shape[1]
+    assert (deviation[:3] < 0.3 * first[:3]).all()
+    assert (abs(mean - truth)[:3] < 0.35 * abs(begin.constants[:, :3] - truth[:3]).mean(0)).all()
+    assert np.mean(found.misfits[-10:]) < 0.3
+
+
+def test_a_frame_is_followed_in_the_same_way_again(run: History) -> None:
+    """The random numbers are those of a filter, not of a process."""
+    specimen = Specimen()
+    reading = WayReading(KNOWN, specimen.rest)
     frames = [
-        WayFrame(dt=PERIOD, shifts=reading._read(tracks), weight=1.0)
-        for tracks in seen_by(specimen, run)[1:]
+        WayFrame(dt=PERIOD, shifts=reading._read(tracks)[0], motion=0.05, stirred=0.04)
+        for tracks in seen_by(specimen, run)[1:8]
     ]
-
-    def followed(constants: np.ndarray) -> tuple[Followed, np.ndarray, float]:
-        way = fit.begin(constants)
+    found = []
+    for _ in range(2):
+        reading._filter.reset()
         for frame in frames:
-            fit.advance(way, frame)
-        gram = way.gram(np.ones(way.done))
-        return way, gram, float(fit.costs(way, gram)[0])
-
-    there, off = followed(truth), followed(wrong)
-    assert there[2] < 0.5 * off[2]
-    # A step from the wrong constants leads to better ones, by much of what it promises.
-    found = fit.quadratic(off[0], off[1])
-    assert found.gain > 0.3 * (off[2] - there[2])
-    assert followed(fit.moved(wrong, found.step))[2] < off[2] - 0.3 * found.gain
+            reading._filter.add(frame)
+        found.append(reading._filter.constants.copy())
+    np.testing.assert_array_equal(*found)
 
 
-def test_a_way_needs_flat_or_round_objects() -> None:
-    patchy = replace(OBJECT, patches=((0.0, 1.0), (1e-3, 0.5)))
-    with pytest.raises(UserError, match="flat and round objects of one friction"):
-        copies_of(Fingertip(), [patchy], np.ones(1))
+def test_combining_members_is_the_analysis_of_a_linear_filter() -> None:
+    """On linear markers the mean and covariance are those of Kalman's filter, where nothing binds.
+
+    Limits on the gain of information are set aside, and no spread is kept.
+    """
+    free = FilterSettings(
+        members=8,
+        steepest=1e12,
+        longest=1e12,
+        relaxed=0.0,
+        inflation=1.0,
+        least_spread=(0.0,) * 5,
+        low=(-1e3,) * 5,
+        high=(1e3,) * 5,
+    )
+    whole = WayFilter(TIP, SENSOR, np.stack([SENSOR.places] * 2), free)
+    rng = np.random.default_rng(5)
+    slopes = 0.01 * rng.standard_normal((40, 5)) / whole.constants.std(axis=0)
+    before, seen = whole.constants.copy(), rng.standard_normal(40)
+    mean, apart = before.mean(axis=0), before - before.mean(axis=0)
+    covariance = apart.T @ apart / 7.0
+    gain = covariance @ slopes.T @ np.linalg.inv(slopes @ covariance @ slopes.T + np.eye(40))
+    whole._assimilate(whole.ensemble, seen - before @ slopes.T, 1.0)
+    np.testing.assert_allclose(
+        whole.constants.mean(axis=0), mean + gain @ (seen - slopes @ mean), rtol=1e-9
+    )
+    after = np.cov(whole.constants.T)
+    np.testing.assert_allclose(
+        after, covariance - gain @ slopes @ covariance, rtol=1e-7, atol=1e-12
+    )

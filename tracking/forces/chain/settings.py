@@ -71,128 +71,123 @@ class LearnedSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WaySettings:
-    """Tuned parameters of the fit along the way; constants are in the order of `way_fit.CONSTANTS`.
+class FilterSettings:
+    """Tuned parameters of the filter of a contact; constants as in `way_filter.CONSTANTS`.
 
     Attributes
     ----------
-    nodes: number of nodes of the copies, graded
-    reach: angle from the apex up to which markers are used [rad]
-    free: constants that are searched; the others keep their mean
-    mean, deviation: prior of the constants
-    spread: differences of the constants between copies
-    longest: longest steps of the constants
+    members, nodes: number of chains, and of the nodes of each
+    middle, deviation: normal distribution of each constant before any frame; where the deviation is
+        0 it is even from `first_low` to `first_high`
+    first_low, first_high: see `deviation`
     low, high: limits of the constants
-    curvatures, stiffnesses: curvatures [1/m] and stiffnesses [N/m] of the starts
-    ruled_out, ruled_out_by, tried: factor on the least sum of squares, and addition to it, above
-        which a candidate is dropped after so many frames
-    worse, slack: factor on the sum of squares so far, and share of the whole added to it, above
-        which a search ends
+    least_spread: standard deviations below which the constants of members do not come together
+    depths: positions of the rigid part that are tried in the first frame [m]
+    first_move: standard deviations of a motion in the first frame, rigid part and object [m]
+    still_move: those of a motion while the skin is still [m]
+    move: what is added to them for each pixel by which the skin moves [m/px]
+    inertia: share of the speed before that is expected to go on
+    ahead, longest_move: longest motion that is expected, and longest step of a search [m]
+    rounds, first_rounds: most steps of a search, and in the first frame
+    settled: step at which a search ends [m]
+    unsure: largest scatter of positions, in its standard deviations or less [m]
+    calm: motion of the skin at which positions scatter as much as they are uncertain [px]
+    lag: shift by which the whole skin may be held back, as a share of that since the last picture
+    lost: loss as a multiple of the median at which a member is replaced
+    inflation: number of values that err alike
+    least: smallest weight of a frame
+    steepest: largest gain of information in a frame, as a multiple of what was known
+    longest: longest move of the mean in a frame [standard deviations]
+    relaxed: share of the spread before a frame that is kept
+    """
+
+    members: int = 32
+    nodes: int = 99
+    middle: tuple[float, ...] = (math.log(0.5), 0.0, 0.0, math.log(3500.0), 0.8)
+    deviation: tuple[float, ...] = (0.35, 0.0, 0.0, 0.6, 0.25)
+    first_low: tuple[float, ...] = (0.0, -5.0, math.log(70.0), 0.0, 0.0)
+    first_high: tuple[float, ...] = (0.0, 240.0, math.log(1100.0), 0.0, 0.0)
+    low: tuple[float, ...] = (math.log(0.03), -12.0, math.log(20.0), math.log(100.0), 0.3)
+    high: tuple[float, ...] = (math.log(2.0), 330.0, math.log(1500.0), math.log(1e5), 1.6)
+    least_spread: tuple[float, ...] = (0.005, 0.5, 0.01, 0.02, 0.01)
+    depths: tuple[float, ...] = (0.05e-3, 0.1e-3, 0.2e-3, 0.35e-3, 0.55e-3, 0.8e-3, 1.2e-3, 1.8e-3)
+    first_move: tuple[float, float] = (300e-6, 200e-6)
+    still_move: tuple[float, float] = (2e-6, 1e-6)
+    move: float = 2e-3
+    inertia: float = 0.7
+    ahead: float = 80e-6
+    longest_move: float = 120e-6
+    rounds: int = 4
+    first_rounds: int = 8
+    settled: float = 0.5e-6
+    unsure: float = 6e-6
+    calm: float = 0.009
+    lag: float = 0.2
+    lost: float = 3.0
+    inflation: float = 16.0
+    least: float = 0.1
+    steepest: float = 4.0
+    longest: float = 1.5
+    relaxed: float = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaySettings:
+    """Tuned parameters of the estimates along the way.
+
+    Attributes
+    ----------
+    filter: what follows the contact
+    reach: angle from the apex up to which markers are used [rad]
     least_markers: smallest number of marker pairs
     odd: root mean square of a pair's residual at which it counts half
     place, share: error of a predicted place [px], and of a predicted motion as a share of it
-    lag: motion by which the whole skin may be held back, as a share of that since the last picture
     size, size_share: the same of a log size
-    inflation: number of values that err alike
-    touched: mean square of the whitened shifts above which something touches
-    moved: root mean square of the whitened motion since the last frame above which a frame counts
+    touched, left: mean square of the whitened shifts above which something touches, and below which
+        it is gone
+    moved: root mean square of the whitened motion of the markers that move most, since the last
+        frame, above which a frame counts
     still: number of frames of which one counts though nothing moves
     quiet: such a motion of noise alone
-    full: motion at which a frame has its full weight, and weight of one without motion
-    least: see `full`
-    move: standard deviation of a motion from frame to frame, rigid part and object [m]
-    ahead: longest motion that is foreseen [m]
-    settled: motion at which a position is found [m]
-    chord: motion up to which derivatives are kept [m]
-    apart: motion of a copy above which it is corrected once more [m]
-    longest_move: longest motion of a correction [m]
-    depths, sides: positions of the rigid part [m] that are tried in the first frame, and of the
-        object, as shares of these
-    rounds, first_rounds: most corrections of a position, and in the first frame
-    sums_share, sums_bend: error of the sums of the other method: share, and force below which it is
-        absolute [N]
-    sums_free, sums_limit: deviation up to which it is explained, and largest that counts [errors]
-    sums_weight: weight of the sums in a frame
-    first_frames, first_force: least number of frames, and ΣFn [N], from which a search starts
-    light: force, as a share of the largest so far, at which a frame counts a quarter
-    gain, gain_share: least decrease of the sum of squares for which the way is followed again, and
-        the same as a share of the sum
-    near: spread of the copies after a short step
-    catch_up: number of frames that are followed again in each frame
-    most_frames: number of frames that are kept, after which the constants are not searched any more
-    most_damping, patience: damping at which a search is given up, and number of turns to the next
+    full: motion at which a frame has its full weight
     first_dt: time that the first frame stands for [s]
+    noise: factor on the noise of places above which the skin is stirred
     turned: difference of the load's azimuth above which the way is followed again [rad]
-    told: number of frames from which on the way answers
+    tried: number of frames in which it may be
+    first_force: ΣFn from which on the way answers [N]
+    told: number of frames from which on it does
     misfit: largest mean squared residual of markers of an explained way
-    usual_misfit: up to which errors are those below; they grow with the misfit
-    promised: gain of the next step, as a share of the sum of squares, that doubles the errors
-    young: number of frames at which they are twice those of a long way
+    usual_misfit: up to which errors are those below
+    doubt: standard deviation of Γ for each unit of misfit above that
+    remembered: number of frames over which the misfit is averaged
     margin_error, normal_error, friction_error: standard deviations of Γ, ΣFn (share) and ΣFf [N]
+        beside the spread of the members
     """
 
-    nodes: int = 99
+    filter: FilterSettings = FilterSettings()
     reach: float = math.radians(50.0)
-    free: tuple[int, ...] = (0, 1, 2, 3, 4)
-    mean: tuple[float, ...] = (math.log(0.5), 60.0, math.log(250.0), math.log(3000.0), 0.9, 0.0)
-    deviation: tuple[float, ...] = (0.3, 90.0, 1.0, 0.9, 0.4, 0.02)
-    spread: tuple[float, ...] = (0.08, 8.0, 0.12, 0.3, 0.12, 0.03)
-    longest: tuple[float, ...] = (0.5, 80.0, 1.0, 0.8, 0.3, 0.08)
-    low: tuple[float, ...] = (math.log(0.03), -12.0, math.log(20.0), math.log(100.0), 0.3, -0.3)
-    high: tuple[float, ...] = (math.log(2.0), 330.0, math.log(1500.0), math.log(1e5), 1.6, 0.3)
-    curvatures: tuple[float, ...] = (5.0, 60.0, 120.0, 200.0)
-    stiffnesses: tuple[float, ...] = (80.0, 250.0, 800.0)
-    ruled_out: float = 2.0
-    ruled_out_by: float = 100.0
-    tried: int = 25
-    worse: float = 1.3
-    slack: float = 0.1
     least_markers: int = 20
     odd: float = 3.0
     place: float = 0.01
     share: float = 0.005
-    lag: float = 0.2
     size: float = 2e-3
     size_share: float = 0.03
-    inflation: float = 4.0
-    touched: float = 1.5
-    moved: float = 1.3
+    touched: float = 0.8
+    left: float = 0.4
+    moved: float = 0.0
     still: int = 6
     quiet: float = 0.9
     full: float = 3.0
-    least: float = 0.05
-    move: tuple[float, float] = (300e-6, 200e-6)
-    ahead: float = 80e-6
-    settled: float = 0.5e-6
-    chord: float = 20e-6
-    apart: float = 8e-6
-    longest_move: float = 120e-6
-    depths: tuple[float, ...] = (0.05e-3, 0.1e-3, 0.2e-3, 0.35e-3, 0.55e-3, 0.8e-3, 1.2e-3, 1.8e-3)
-    sides: tuple[float, ...] = (-0.5, 0.0, 0.5)
-    rounds: int = 5
-    first_rounds: int = 9
-    sums_share: float = 0.06
-    sums_bend: float = 0.4
-    sums_free: float = 1.5
-    sums_limit: float = 6.0
-    sums_weight: float = 20.0
-    first_frames: int = 5
-    first_force: float = 0.3
-    light: float = 0.3
-    gain: float = 1.0
-    gain_share: float = 0.01
-    near: float = 0.5
-    catch_up: int = 4
-    most_frames: int = 250
-    most_damping: float = 80.0
-    patience: int = 4
     first_dt: float = 0.01
+    noise: float = 1.3
     turned: float = math.radians(3.0)
+    tried: int = 25
+    first_force: float = 0.1
     told: int = 8
     misfit: float = 1.2
-    usual_misfit: float = 0.25
-    promised: float = 0.2
-    young: float = 30.0
-    margin_error: float = 0.015
-    normal_error: float = 0.02
-    friction_error: float = 0.008
+    usual_misfit: float = 0.2
+    doubt: float = 0.3
+    remembered: int = 20
+    margin_error: float = 0.006
+    normal_error: float = 0.005
+    friction_error: float = 0.003

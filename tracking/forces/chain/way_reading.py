@@ -17,11 +17,12 @@ from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from .learned import Learned
 from .settings import WaySettings
-from .way import Way
-from .way_fit import WayFit, WayFrame
+from .way_filter import WayFilter, WayFrame
 
 Array = NDArray[np.float64]
 
+#: Percentile of the pairs' motions that stands for those that move most.
+_MOST = 95.0
 #: Difference of two answers in units of its error, above which both count as less certain.
 _APART = 1.2
 
@@ -48,18 +49,17 @@ class WayReading:
         self._settings, self._calibration = settings, calibration
         self._learned = Learned(calibration, rest)
         self._shifts = MarkerShifts(calibration, rest, settings.reach, halves=True)
-        self._fit = self._fitted(0.0)
+        self._filter = self._followed(0.0)
         self.reset()
 
-    def _fitted(self, azimuth: float) -> WayFit:
+    def _followed(self, azimuth: float) -> WayFilter:
         """What follows a contact in the plane of an azimuth [rad]."""
-        known = self._calibration
-        return WayFit(
-            known.fingertip,
-            self._shifts.sensor,
-            self._shifts.places,
-            known.stiffness_deviation,
-            self._settings,
+        shifts = self._shifts
+        return WayFilter(
+            self._calibration.fingertip,
+            shifts.sensor,
+            shifts.places,
+            self._settings.filter,
             azimuth,
         )
 
@@ -69,7 +69,8 @@ class WayReading:
         self._forget()
 
     def _forget(self) -> None:
-        self._way = Way(fit=self._fit)
+        self._filter.reset()
+        self._frames: list[WayFrame] = []
         self._last: Shifts | None = None
         self._before: Shifts | None = None
         self._time, self._still = 0.0, 0
@@ -87,20 +88,25 @@ class WayReading:
             field = self._learned.update(tracks)
         except NoEstimateError as error:
             reason = str(error)
+        azimuth = None
+        if field is not None:
+            azimuth = 0.0 if field.plane is None else field.plane.azimuth
         try:
-            self._follow(self._read(tracks), tracks.time, field)
+            self._follow(*self._read(tracks), tracks.time, azimuth)
         except NoEstimateError as error:
             reason = reason or str(error)
         if field is None:
             raise NoEstimateError(reason)
         return self._told(field)
 
-    def _read(self, tracks: Tracks) -> Shifts:
-        """Whitened shifts of a frame."""
+    def _read(self, tracks: Tracks) -> tuple[Shifts, float]:
+        """Whitened shifts of a frame, and the standard deviation of a place by noise alone [px]."""
         settings = self._settings
         values, certain = self._shifts(tracks, settings.least_markers)
         covariance = self._shifts.noise(tracks)[certain]
         values = values[certain]
+        places = [0, 1, 3, 4]
+        noise = math.sqrt(float(covariance[:, places, places].mean()))
         for layer in (0, 3):
             motion = np.hypot(values[:, layer], values[:, layer + 1])
             place = settings.place**2 + (settings.share * motion) ** 2
@@ -109,104 +115,113 @@ class WayReading:
                 covariance[:, index, index] += added
         whiten = np.linalg.inv(np.linalg.cholesky(covariance))
         limits = ShiftSettings(odd=settings.odd)
-        return Shifts(values=values, whiten=whiten, used=certain, settings=limits)
+        return Shifts(values=values, whiten=whiten, used=certain, settings=limits), noise
 
-    def _follow(self, shifts: Shifts, time: float, field: ForceField | None) -> None:
-        """Follow a frame if enough has moved."""
+    def _follow(self, shifts: Shifts, noise: float, time: float, azimuth: float | None) -> None:
+        """Follow a frame if enough has moved.
+
+        Parameters
+        ----------
+        noise: standard deviation of a place [px]
+        azimuth: of the load's plane by the read-out [rad]; None: unknown
+        """
         settings, last = self._settings, self._last
-        if float(shifts.seen @ shifts.seen) < settings.touched * shifts.count:
+        seen = float(shifts.seen @ shifts.seen) / shifts.count
+        if seen < (settings.touched if last is None else settings.left):
             self._forget()
             return
         moved = _places_moved(self._before, shifts)
-        self._before = shifts
+        # The skin was still until the picture before.
+        dt = settings.first_dt if last is None else max(time - self._time, 1e-3)
+        self._before, self._time = shifts, time
         motion = math.inf if last is None else _motion(last, shifts)
         self._still += 1
         if motion < settings.moved and self._still < settings.still:
-            self._way.search()
             return
-        dt = settings.first_dt if last is None else max(time - self._time, 1e-3)
-        self._last, self._time, self._still = shifts, time, 0
-        weight = min(1.0, settings.least + max(motion - settings.quiet, 0.0) / settings.full)
-        sums, friction = None, math.nan
-        if field is not None and field.friction_reading is not None:
-            sums = np.array([field.total_normal, field.total_friction])
-            friction = field.friction_reading.value
-            self._turn(field)
-        frame = WayFrame(dt=dt, shifts=shifts, weight=weight, motion=moved, sums=sums)
-        self._way.add(frame, friction)
+        self._last, self._still = shifts, 0
+        noise *= settings.noise * math.sqrt(2.0)
+        frame = WayFrame(
+            dt=dt,
+            shifts=shifts,
+            weight=min(1.0, max(motion - settings.quiet, 0.0) / settings.full),
+            motion=moved,
+            stirred=math.sqrt(max(moved**2 - noise**2, 0.0)),
+        )
+        if len(self._frames) < settings.tried:
+            self._frames.append(frame)
+            self._turn(azimuth)
+        self._filter.add(frame)
 
-    def _turn(self, field: ForceField) -> None:
+    def _turn(self, azimuth: float | None) -> None:
         """Follow the contact again if its plane was found to be another one."""
-        azimuth = 0.0 if field.plane is None else field.plane.azimuth
-        off = math.remainder(azimuth - self._fit.azimuth, math.pi)
-        if abs(off) < self._settings.turned or len(self._way.frames) > self._settings.tried:
+        if azimuth is None:
             return
-        self._fit = self._fitted(azimuth)
-        self._way = Way(fit=self._fit, frames=self._way.frames)
+        off = math.remainder(azimuth - self._filter.azimuth, math.pi)
+        if abs(off) < self._settings.turned:
+            return
+        self._filter = self._followed(azimuth)
+        for frame in self._frames[:-1]:
+            self._filter.add(frame)
 
     def _told(self, field: ForceField) -> ForceField:
         """Field of the read-out, with the sums and µ of the way where it tells them."""
-        settings, way, reading = self._settings, self._way, field.friction_reading
-        if way.now is None or reading is None or not field.contact.any():
+        settings, reading, misfits = self._settings, field.friction_reading, self._filter.misfits
+        if len(misfits) < settings.told or reading is None or not field.contact.any():
             return field
-        now, fit = way.now, self._fit
-        values, found = fit.values(now), way.quadratic()
-        if not (values[0, 0] > settings.first_force and now.done >= settings.told):
+        each = self._filter.values()
+        told = np.median(each, axis=0)
+        if not told[0] > settings.first_force:
             return field
-        misfit = max(way.misfit())
+        misfit = max(float(np.mean(misfits[-settings.remembered :])), float(np.mean(misfits)))
         if misfit > settings.misfit:
             raise NoEstimateError(
                 "no contact with a round or flat object of one friction explains the way of the "
                 "markers"
             )
-        slopes = (found.weights.T @ values)[1:]
-        # What another step of the search would change, a misfit above the usual one, a search that
-        # promises much, and a young way are doubts.
-        left = np.clip(found.step, -1.0, 1.0) @ slopes
-        doubt = max(misfit / settings.usual_misfit, 1.0)
-        doubt *= 1.0 + found.gain / (settings.promised * way.cost())
-        doubt *= 1.0 + settings.young / now.done
-        return _fused(field, values[0] + 0.5 * left, abs(left), doubt, settings)
+        doubt = settings.doubt * max(misfit - settings.usual_misfit, 0.0)
+        errors = np.array([settings.normal_error * told[0], settings.friction_error])
+        scale = told[0] * np.array([1.0, told[2]])  # errors of sums that change Γ by as much as 1
+        errors = np.sqrt(errors**2 + each[:, :2].var(axis=0) + (doubt * scale) ** 2)
+        margin = math.hypot(settings.margin_error, float(each[:, 3].std())) + doubt
+        return _fused(field, told, errors, margin)
 
 
 def _motion(last: Shifts, now: Shifts) -> float:
-    """Root mean square of the whitened motion between two frames."""
+    """Root mean square of the whitened motion between two frames, of the pairs that move most."""
     both = last.used & now.used
     before, after = both[last.used], both[now.used]
     moved = now.values[after] - last.values[before]
     whole = np.einsum("vwi,vi->vw", now.whiten[after], moved)
-    return float(np.sqrt((whole**2).mean())) if whole.size else math.inf
+    each = (whole**2).mean(axis=1)
+    return math.sqrt(np.percentile(each, _MOST)) if each.size else math.inf
 
 
 def _places_moved(last: Shifts | None, now: Shifts) -> float:
-    """Root mean square of the motion of places between two frames [px]."""
-    if last is None:
-        return 0.0
-    both = last.used & now.used
-    moved = (now.values[both[now.used]] - last.values[both[last.used]])[:, [0, 1, 3, 4]]
+    """Root mean square of the motion of places between two frames [px]; of the first, from rest."""
+    moved = now.values
+    if last is not None:
+        both = last.used & now.used
+        moved = now.values[both[now.used]] - last.values[both[last.used]]
+    moved = moved[:, [0, 1, 3, 4]]
     return float(np.sqrt((moved**2).mean())) if moved.size else 0.0
 
 
-def _fused(
-    field: ForceField, told: Array, left: Array, doubt: float, settings: WaySettings
-) -> ForceField:
+def _fused(field: ForceField, told: Array, errors: Array, error: float) -> ForceField:
     """Mean of a read-out's field and what a way tells, weighted by their errors.
 
     Parameters
     ----------
-    told: ΣFn [N], ΣFf [N], µ and Γ of the way, half-way to the next step of its search, (4,)
-    left: changes of these by that step, shape (4,)
-    doubt: factor on its errors
+    told: ΣFn [N], ΣFf [N], µ and Γ of the way, shape (4,)
+    errors: standard deviations of its sums [N], shape (2,)
+    error: that of its Γ
     """
     reading = field.friction_reading
     assert reading is not None
     before = np.array([field.total_normal, field.total_friction])
-    own = np.array([settings.normal_error * told[0], settings.friction_error]) * doubt
-    own = np.hypot(own, left[:2])
-    sums, deviations = _mean(told[:2], own, before, np.sqrt(np.diag(field.totals_covariance)))
+    sums, deviations = _mean(told[:2], errors, before, np.sqrt(np.diag(field.totals_covariance)))
     margin, deviation = _mean(
         told[3],
-        math.hypot(settings.margin_error * doubt, left[3]),
+        error,
         field.safety_margin(reading.value),
         reading.margin_deviation,
     )
