@@ -99,6 +99,8 @@ class FilterSettings:
     steepest: largest gain of information in a frame, as a multiple of what was known
     longest: longest move of the mean in a frame [standard deviations]
     relaxed: share of the spread before a frame that is kept
+    usual_misfit: misfit of frames that are explained; the median so far may be above it
+    widened, widest: share by which members spread for each usual misfit above that, and at most
     """
 
     members: int = 32
@@ -119,16 +121,19 @@ class FilterSettings:
     longest_move: float = 120e-6
     rounds: int = 4
     first_rounds: int = 8
-    settled: float = 0.5e-6
+    settled: float = 1e-6
     unsure: float = 6e-6
     calm: float = 0.009
     lag: float = 0.2
     lost: float = 3.0
-    inflation: float = 16.0
+    inflation: float = 20.0
     least: float = 0.1
     steepest: float = 4.0
     longest: float = 1.5
     relaxed: float = 0.1
+    usual_misfit: float = 0.2
+    widened: float = 0.1
+    widest: float = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +191,7 @@ class WaySettings:
     told: int = 8
     misfit: float = 1.2
     usual_misfit: float = 0.2
-    doubt: float = 0.3
+    doubt: float = 0.5
     remembered: int = 20
     margin_error: float = 0.006
     normal_error: float = 0.005

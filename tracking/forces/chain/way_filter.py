@@ -275,7 +275,11 @@ class WayFilter:
         """
         settings, count = self.settings, len(left)
         mean = left.mean(axis=0)
-        apart = left - mean
+        # Where they explain less than before, the members have become too sure of themselves.
+        usual = max(settings.usual_misfit, float(np.median(self.misfits)))
+        excess = max(self.misfits[-1] / usual - 1.0, 0.0)
+        wider = 1.0 + min(settings.widened * excess, settings.widest)
+        apart = wider * (left - mean)
         values, vectors = np.linalg.eigh(apart @ apart.T)
         values, off = np.maximum(values, 0.0), vectors.T @ (apart @ mean)
         told = max(weight, settings.least) / settings.inflation
@@ -292,7 +296,7 @@ class WayFilter:
 
         def combined(values: Array) -> Array:
             middle = values.mean(axis=0)
-            rest = (values - middle).reshape(count, -1)
+            rest = wider * (values - middle).reshape(count, -1)
             return middle + (combine @ rest).reshape(values.shape)
 
         self.ensemble = ensemble.each(combined)
