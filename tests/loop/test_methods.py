@@ -149,8 +149,8 @@ def test_summary_and_scene_name_the_reconstructor_that_auto_is(tmp_path: Path) -
     scene = load_scene("camera-100hz", SEEN)
     assert scene.reconstructor == "auto"
     result = run(scene, tmp_path)
-    assert result.summary["reconstructor"] == "sequential"
-    assert load_scene(str(tmp_path / "scene.toml")).reconstructor == "sequential"
+    assert result.summary["reconstructor"] == "way"
+    assert load_scene(str(tmp_path / "scene.toml")).reconstructor == "way"
     assert result.summary["camera_pose"]["roll_deg"] == pytest.approx(0.0, abs=0.05)
     truth = run(load_scene("camera-100hz", QUICK)).summary
     assert truth["reconstructor"] is truth["camera_pose"] is None
@@ -211,7 +211,7 @@ def test_a_script_sweeps_over_gains_in_this_process_and_in_others(tmp_path: Path
     assert done.stdout.splitlines() == ["0.5 1.0 1.5", "0.5 1.0 1.5"]
 
 
-@pytest.mark.parametrize(("body", "name"), [("chain", "sequential"), ("dome", "contact")])
+@pytest.mark.parametrize(("body", "name"), [("chain", "way"), ("dome", "contact")])
 def test_auto_is_the_reconstructor_of_the_body_and_not_of_the_sensor(body: str, name: str) -> None:
     changes = {"sensor": "dome-2020", "body": body}
     scene = load_scene("camera-100hz", changes)

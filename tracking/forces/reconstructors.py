@@ -45,7 +45,7 @@ METHODS = {
     ),
     "way": (
         ".chain.way_reading:WayReading",
-        "a contact of the chain fitted along its way, begun by sequential",
+        "chains that follow a contact from its first touch on, averaged with sequential",
     ),
     "contact": (
         ".dome.contact:ContactReading",
@@ -61,7 +61,7 @@ DEFAULT_RECONSTRUCTOR = "auto"
 #: Body that the pictures show: the revolved chain, or a silicone dome.
 Body = Literal["chain", "dome"]
 #: Method that `auto` selects, by body.
-AUTOMATIC: dict[Body, str] = {"chain": "sequential", "dome": "contact"}
+AUTOMATIC: dict[Body, str] = {"chain": "way", "dome": "contact"}
 #: Built-in methods for a silicone dome; the others are for a chain.
 DOME_METHODS = ("contact", "traction")
 #: All reconstructors by name, including `auto`.
@@ -72,7 +72,7 @@ RECONSTRUCTORS = Registry(
     entries={
         DEFAULT_RECONSTRUCTOR: (
             ".reconstructors:automatic",
-            "sequential, or contact for a dome with soft markers or a layer on its rigid core",
+            "way, or contact for a dome with soft markers or a layer on its rigid core",
         ),
         **METHODS,
     },

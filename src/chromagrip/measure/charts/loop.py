@@ -46,22 +46,21 @@ _QUICK_TURNS = 1
 #: Start of the names of settings that are given the true forces.
 _TRUTH = "truth path"
 #: The default methods.
-_OURS = "fit, sequential"
+_OURS = "fit, way"
 AXES = (
     Axis(key="margin_error", label="Γ, RMS error", unit=""),
     Axis(key="displacement", label="largest slip [mm]", unit="mm"),
 )
-#: Trackers, the default first. They measure the sizes of markers, without which no reconstructor
-#: reads a normal force.
-_TRACKERS = ("fit", "quick")
-_RECONSTRUCTOR = "sequential"
+#: Trackers and reconstructors, the default first. These trackers measure the sizes of markers,
+#: without which no reconstructor reads a normal force.
+_METHODS = (("fit", "way"), ("fit", "sequential"), ("quick", "sequential"))
 
 
 def settings(quick: bool) -> dict[str, dict[str, object]]:
     """Changes of the scene, by the name of a setting."""
     changes: dict[str, dict[str, object]] = {
-        f"{tracker}, {_RECONSTRUCTOR}": {"tracker": tracker, "reconstructor": _RECONSTRUCTOR}
-        for tracker in _TRACKERS
+        f"{tracker}, {reconstructor}": {"tracker": tracker, "reconstructor": reconstructor}
+        for tracker, reconstructor in _METHODS
     }
     changes[_TRUTH] = {"path": "truth"}
     # The coarse steps that `plan` chooses from, too.
