@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from ...errors import UserError
 from ...render import Frame
 from ..detection import Edge, RestFrame, neighbours, read_rest
+from ..doubt import Doubt, doubted
+from ..fit.relocate import Relocator
 from ..palette import Palette
 from ..trackers import check_frame
 from ..tracks import Tracks
@@ -32,6 +34,7 @@ class FollowerSettings:
     doubtful_jump: motion between frames above which a marker is ambiguous
     apart: smallest distance between markers of one layer; closer ones are ambiguous
     fewest: smallest share of the rest frame's markers that the tracker must find there itself
+    few: number of newly lost markers above which the whole field is searched for a jump
     neighbours: number of neighbours that a lost marker moves with
     reach: largest distance of a marker from its expected position
     """
@@ -39,6 +42,7 @@ class FollowerSettings:
     doubtful_jump: float = 0.375
     apart: float = 0.25
     fewest: float = 0.5
+    few: int = 3
     neighbours: int = 6
     reach: float = 0.5
 
@@ -60,10 +64,12 @@ class Shifts:
     shift: displacement of each marker since rest [px], shape (L, M, 2); a lost marker has that of
         its neighbours
     last_seen: time of the last frame in which each marker was found [s], shape (L, M)
+    doubt: markers whose number is not certain
     """
 
     shift: Array
     last_seen: Array
+    doubt: Doubt
 
 
 class Follower:
@@ -114,7 +120,9 @@ class Follower:
         self.state = Shifts(
             shift=np.zeros_like(at_rest.position),
             last_seen=np.full(at_rest.position.shape[:2], np.nan),
+            doubt=Doubt.of_rest(np.isfinite(at_rest.position[..., 0])),
         )
+        self._relocator = Relocator(at_rest, self._palette)
         image = np.rint(at_rest.image).astype(np.uint8)
         self._shape = image.shape
         self._prepare(at_rest, image)
@@ -128,7 +136,8 @@ class Follower:
         # Shifts are relative to the positions that the tracker itself finds at rest.
         self._origin = np.where(tracks.visible[..., None], tracks.position, self._origin)
         self._edge = self._edge.at_rest(self._origin)
-        self.state = replace(self.state, shift=np.zeros_like(self._origin))
+        doubt = Doubt.of_rest(tracks.visible)
+        self.state = replace(self.state, shift=np.zeros_like(self._origin), doubt=doubt)
         return tracks
 
     def update(self, frame: Frame) -> Tracks:
@@ -156,9 +165,17 @@ class Follower:
         jump = np.linalg.norm(moved - shift, axis=-1)
         apart = np.linalg.norm(position[:, :, None] - position[:, self._near], axis=-1)
         claimed = (apart < settings.apart * self._pitch).any(axis=-1)
+        doubtful = visible & ((jump > settings.doubtful_jump * self._pitch) | claimed)
+        shift = _carry(np.where(visible[..., None], moved, shift), visible, self._near)
+        doubt = doubted(
+            self.state.doubt, self._origin, self._origin + shift, ~visible | claimed,
+            settings.few, self._pitch, lambda: self._relocator.blobs(frame.image)[0],
+            self._edge.hidden,
+        )  # fmt: skip
         self.state = Shifts(
-            shift=_carry(np.where(visible[..., None], moved, shift), visible, self._near),
+            shift=shift,
             last_seen=np.where(visible, frame.time, self.state.last_seen),
+            doubt=doubt,
         )
         unknown = np.full((layers, count), np.nan)
         size = unknown if measured.log_size is None else measured.log_size
@@ -169,7 +186,7 @@ class Follower:
             log_size=np.where(visible, size, np.nan),
             hue=np.where(visible[0], hue, np.nan),
             visible=visible,
-            ambiguous=visible & ((jump > settings.doubtful_jump * self._pitch) | claimed),
+            ambiguous=doubtful | (visible & doubt.mask),
             last_seen=self.state.last_seen.copy(),
             covariance=np.full((count, 3 * layers, 3 * layers), np.nan),
         )

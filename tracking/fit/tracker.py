@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...render import Frame
+from ..doubt import Doubt, doubted
 from ..palette import Palette
 from ..trackers import check_frame
 from ..tracks import Tracks
@@ -88,6 +89,7 @@ class MarkerTracker:
             last_seen=np.where(visible.T, rest[-1].time, np.nan)[: known.layers],
             typical=known.typical,
             patience=self.settings.patience,
+            doubt=Doubt.of_rest(visible.T[: known.layers]),
         )
         look = surveyed(known, self._memory, fits)
         tracks = _tracks(known, self._memory, rest[-1], look, np.zeros_like(visible))
@@ -140,7 +142,7 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
     few = max(settings.few, int(settings.few_share * len(look.visible)))
     steady = not astray(known, memory, look, few)
     if not steady:
-        relocated = known.relocator(image)
+        relocated = known.relocator(image, _moved(known, memory.start.fits))
         start = _start_at(known, memory, relocated)
         again = judge(known, memory, image, known.fit.fit(image, start, steps), start)
         if worth(again) >= worth(look):
@@ -150,11 +152,31 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
             ambiguous = look.visible & (look.torn | unsure)
     memory, look, ambiguous = _tuned(known, memory, image, look, ambiguous, start)
     memory = _remember(known, memory, look, steady)
+    memory = _doubting(known, memory, image, look, few)
     # Markers that the edge cuts are fitted, so that their neighbours are followed, but not told.
     told = ~known.edge.hidden(look.fits.state.fits[..., :2])
     look, ambiguous = look._replace(visible=look.visible & told), ambiguous & told
     memory = _at_time(memory, frame, look.visible)
     return memory, _tracks(known, memory, frame, look, ambiguous)
+
+
+def _moved(known: AtRest, fits: Array) -> Array:
+    """Displacements since rest of fits (M, 2, 5), NaN for missing markers, shape (L, M, 2) [px]."""
+    moved = (fits - known.state.fits)[..., :2]
+    moved = np.where(known.state.present[..., None], moved, np.nan)
+    return np.swapaxes(moved, 0, 1)[: known.layers]
+
+
+def _doubting(known: AtRest, memory: Memory, image: Image, look: Look, few: int) -> Memory:
+    """Judge whether the numbers are certain, see `doubt`."""
+    rest = np.swapaxes(known.state.fits[..., :2], 0, 1)[: known.layers]
+    edge = replace(known.edge, cut=known.edge.cut.T[: known.layers])
+    doubt = doubted(
+        memory.doubt, rest, rest + _moved(known, memory.start.fits),
+        ~(look.visible & ~look.on_others).T[: known.layers],
+        few, known.pitch, lambda: known.relocator.blobs(image)[0], edge.hidden,
+    )  # fmt: skip
+    return memory if doubt is memory.doubt else replace(memory, doubt=doubt)
 
 
 def _start_at(known: AtRest, memory: Memory, relocated: Relocated) -> PairState:
@@ -282,6 +304,7 @@ def _tracks(known: AtRest, memory: Memory, frame: Frame, look: Look, ambiguous: 
         fits, covariance, log_size,
     )  # fmt: skip
     ambiguous = ambiguous | look.on_others
+    ambiguous[:, :layers] |= visible[:, :layers] & memory.doubt.mask.T
     return Tracks(
         time=frame.time,
         position=np.swapaxes(fits[:, :layers, :2], 0, 1),
