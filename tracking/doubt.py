@@ -20,6 +20,10 @@ Mask = NDArray[np.bool_]
 _AROUND = 8
 #: Largest distance of a spot from its marker [pitches].
 _REACH = 0.25
+#: Difference between the steps of neighbours above which the field is torn [pitches].
+_TORN = 0.4
+#: Share of the markers that may be torn off the others; if it is more, no number is certain.
+_MOST_TORN = 0.3
 
 
 @dataclass(frozen=True)
@@ -43,11 +47,11 @@ class Doubt:
 
 def doubted(
     before: Doubt,
-    rest: Array,
-    at: Array,
+    places: tuple[Array, Array, Array],
     lost: Mask,
     few: int,
     pitch: float,
+    near: NDArray[np.int64],
     spots: Callable[[], list[Array]],
     hidden: Callable[[Array], Mask],
 ) -> Doubt:
@@ -56,41 +60,67 @@ def doubted(
     Parameters
     ----------
     before: doubt before
-    rest, at: places at rest and now, assumed ones for lost markers [px], shape (L, M, 2)
+    places: at rest, in the last frame and now, assumed ones for lost markers; NaN where a layer has
+        none [px], shape (L, M, 2)
     lost: markers that are not found, shape (L, M)
     few: number of markers whose loss is no sign of a jump
     pitch: typical distance to the nearest other marker [px]
+    near: indices of K neighbours of each marker, shape (M, K)
     spots: finds the places of each layer's spots in this frame, L arrays (n, 2)
     hidden: tells which places (L, M, 2) lie out of sight
     """
     if np.count_nonzero(lost != before.lost) <= few:
         return before
-    trees = [scipy.spatial.KDTree(own) if len(own) else None for own in spots()]
+    rest, last, now = places
+    present = np.isfinite(rest[..., 0])
+    seen, found = present & ~lost, spots()
+    trees = [scipy.spatial.KDTree(own) if len(own) else None for own in found]
 
-    def explained(places: Array) -> float:
-        """Number of spots with a marker; a marker out of sight counts half."""
-        total, out = 0.0, hidden(places)
-        for tree, own, gone in zip(trees, places, out, strict=True):
-            there = np.isfinite(own[:, 0])
+    def explained(at: Array) -> tuple[float, int]:
+        """Number of spots with a marker, one out of sight counts half; number of other markers."""
+        total, missing, out = 0.0, 0, hidden(at)
+        for layer, tree in enumerate(trees):
+            own = present[layer]
             near = np.zeros(len(own), dtype=np.bool_)
-            if tree is not None and there.any():
-                apart, spot = tree.query(own[there], distance_upper_bound=_REACH * pitch)
-                near[there] = np.isfinite(apart)
+            if tree is not None:
+                apart, spot = tree.query(at[layer, own], distance_upper_bound=_REACH * pitch)
+                near[own] = np.isfinite(apart)
                 total += len(np.unique(spot[np.isfinite(apart)]))
-            total += 0.5 * np.count_nonzero(there & gone & ~near)
-        return total
+            total += 0.5 * np.count_nonzero(own & out[layer] & ~near)
+            missing += np.count_nonzero(own & ~out[layer] & ~near)
+        return total, missing
 
-    moved = np.nanmedian(at - rest, axis=1, keepdims=True)
-    steps = _steps(at[0])
-    others = [at + step for step in steps]
-    others += [rest + moved + step for step in (*steps, np.zeros(2))]
-    own, other = explained(at), max(map(explained, others))
-    mask = before.mask
-    if other > own:
-        mask = np.isfinite(rest[..., 0])
-    elif own > other + few:
-        mask = np.zeros_like(mask)
+    whole = rest + np.nanmedian(now - rest, axis=1, keepdims=True)
+    steps = _steps(now[0])
+    (own, missing), (still, _) = explained(now), explained(whole)
+    other = max(explained(at + step)[0] for step in steps for at in (now, whole))
+    mask = before.mask & ~lost | before.mask.all()
+    torn = seen & ~_together(now - last, seen, near, _TORN * pitch)
+    if globals().get("DEBUG"): print("   J", own, missing, still, other, int(lost.sum()), [len(t.data) if t else 0 for t in trees], 'torn', torn.sum())
+    if max(own, other) < 0.5 * present.sum():
+        pass  # a frame that shows too little
+    elif max(other, still) > own or torn.sum() > _MOST_TORN * seen.sum():
+        mask = np.ones_like(mask)
+    elif own > other and missing <= few:
+        mask = torn
+    else:
+        mask = mask | torn
     return Doubt(mask=mask, lost=lost)
+
+
+def _together(step: Array, seen: Mask, near: NDArray[np.int64], limit: float) -> Mask:
+    """Mask (L, M) of the largest group of markers that went on like their neighbours."""
+    result = np.zeros_like(seen)
+    for own, there, group in zip(step, seen, result, strict=True):
+        linked = np.linalg.norm(own[near] - own[:, None], axis=2) < limit
+        linked &= there[near] & there[:, None]
+        one = np.broadcast_to(np.arange(len(near))[:, None], near.shape)
+        links = (np.ones(linked.sum()), (one[linked], near[linked]))
+        graph = scipy.sparse.csr_matrix(links, shape=(len(near), len(near)))
+        _, number = scipy.sparse.csgraph.connected_components(graph, directed=False)
+        if there.any():
+            group |= there & (number == np.bincount(number[there]).argmax())
+    return result
 
 
 def _steps(at: Array) -> Array:

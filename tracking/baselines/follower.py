@@ -166,11 +166,12 @@ class Follower:
         apart = np.linalg.norm(position[:, :, None] - position[:, self._near], axis=-1)
         claimed = (apart < settings.apart * self._pitch).any(axis=-1)
         doubtful = visible & ((jump > settings.doubtful_jump * self._pitch) | claimed)
+        last = self._origin + shift
         shift = _carry(np.where(visible[..., None], moved, shift), visible, self._near)
         doubt = doubted(
-            self.state.doubt, self._origin, self._origin + shift, ~visible | claimed,
-            settings.few, self._pitch, lambda: self._relocator.blobs(frame.image)[0],
-            self._edge.hidden,
+            self.state.doubt, (self._origin, last, self._origin + shift), ~visible | claimed,
+            settings.few, self._pitch, self._near,
+            lambda: self._relocator.blobs(frame.image)[0], self._edge.hidden,
         )  # fmt: skip
         self.state = Shifts(
             shift=shift,

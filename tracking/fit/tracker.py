@@ -151,8 +151,8 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
             unsure[:, : known.layers] = relocated.ambiguous.T
             ambiguous = look.visible & (look.torn | unsure)
     memory, look, ambiguous = _tuned(known, memory, image, look, ambiguous, start)
-    memory = _remember(known, memory, look, steady)
-    memory = _doubting(known, memory, image, look, few)
+    before, memory = memory, _remember(known, memory, look, steady)
+    memory = _doubting(known, before, memory, image, look, few)
     # Markers that the edge cuts are fitted, so that their neighbours are followed, but not told.
     told = ~known.edge.hidden(look.fits.state.fits[..., :2])
     look, ambiguous = look._replace(visible=look.visible & told), ambiguous & told
@@ -167,16 +167,19 @@ def _moved(known: AtRest, fits: Array) -> Array:
     return np.swapaxes(moved, 0, 1)[: known.layers]
 
 
-def _doubting(known: AtRest, memory: Memory, image: Image, look: Look, few: int) -> Memory:
+def _doubting(
+    known: AtRest, before: Memory, memory: Memory, image: Image, look: Look, few: int
+) -> Memory:
     """Judge whether the numbers are certain, see `doubt`."""
+    lost = ~(look.visible & ~look.on_others).T[: known.layers]
     rest = np.swapaxes(known.state.fits[..., :2], 0, 1)[: known.layers]
-    edge = replace(known.edge, cut=known.edge.cut.T[: known.layers])
+    last, now = (rest + _moved(known, each.start.fits) for each in (before, memory))
     doubt = doubted(
-        memory.doubt, rest, rest + _moved(known, memory.start.fits),
-        ~(look.visible & ~look.on_others).T[: known.layers],
-        few, known.pitch, lambda: known.relocator.blobs(image)[0], edge.hidden,
+        memory.doubt, (last - last + rest, last, now), lost, few, known.pitch, known.fit.near,
+        lambda: known.relocator.blobs(image)[0],
+        replace(known.edge, cut=known.edge.cut.T[: known.layers]).hidden,
     )  # fmt: skip
-    return memory if doubt is memory.doubt else replace(memory, doubt=doubt)
+    return replace(memory, doubt=doubt)
 
 
 def _start_at(known: AtRest, memory: Memory, relocated: Relocated) -> PairState:
