@@ -49,6 +49,7 @@ def doubted(
     before: Doubt,
     places: tuple[Array, Array, Array],
     lost: Mask,
+    alarm: bool,
     few: int,
     pitch: float,
     near: NDArray[np.int64],
@@ -63,13 +64,14 @@ def doubted(
     places: at rest, in the last frame and now, assumed ones for lost markers; NaN where a layer has
         none [px], shape (L, M, 2)
     lost: markers that are not found, shape (L, M)
+    alarm: whether there is reason to judge in any case
     few: number of markers whose loss is no sign of a jump
     pitch: typical distance to the nearest other marker [px]
     near: indices of K neighbours of each marker, shape (M, K)
     spots: finds the places of each layer's spots in this frame, L arrays (n, 2)
     hidden: tells which places (L, M, 2) lie out of sight
     """
-    if np.count_nonzero(lost != before.lost) <= few:
+    if not alarm and np.count_nonzero(lost != before.lost) <= few:
         return before
     rest, last, now = places
     present = np.isfinite(rest[..., 0])
@@ -94,17 +96,23 @@ def doubted(
     steps = _steps(now[0])
     (own, missing), (still, _) = explained(now), explained(whole)
     other = max(explained(at + step)[0] for step in steps for at in (now, whole))
-    mask = before.mask & ~lost | before.mask.all()
     torn = seen & ~_together(now - last, seen, near, _TORN * pitch)
-    if globals().get("DEBUG"): print("   J", own, missing, still, other, int(lost.sum()), [len(t.data) if t else 0 for t in trees], 'torn', torn.sum())
-    if max(own, other) < 0.5 * present.sum():
+    count, most = present.sum(), sum(map(len, found))
+    mask = before.mask
+    if most < 0.5 * count:
         pass  # a frame that shows too little
-    elif max(other, still) > own or torn.sum() > _MOST_TORN * seen.sum():
+    elif (
+        max(other, still) > own
+        or torn.sum() > _MOST_TORN * seen.sum()
+        or (missing > _MOST_TORN * count and most > (1.0 - _MOST_TORN) * count)
+    ):
         mask = np.ones_like(mask)
+    elif not mask.all():
+        mask = seen & (mask | torn)
+        # Where a lost marker is found again depends on those around it.
+        mask |= ~seen & mask[:, near].any(axis=2)
     elif own > other and missing <= few:
         mask = torn
-    else:
-        mask = mask | torn
     return Doubt(mask=mask, lost=lost)
 
 

@@ -165,12 +165,12 @@ class Follower:
         jump = np.linalg.norm(moved - shift, axis=-1)
         apart = np.linalg.norm(position[:, :, None] - position[:, self._near], axis=-1)
         claimed = (apart < settings.apart * self._pitch).any(axis=-1)
-        doubtful = visible & ((jump > settings.doubtful_jump * self._pitch) | claimed)
+        far = visible & (jump > settings.doubtful_jump * self._pitch)
         last = self._origin + shift
         shift = _carry(np.where(visible[..., None], moved, shift), visible, self._near)
         doubt = doubted(
             self.state.doubt, (self._origin, last, self._origin + shift), ~visible | claimed,
-            settings.few, self._pitch, self._near,
+            bool(far.any()), settings.few, self._pitch, self._near,
             lambda: self._relocator.blobs(frame.image)[0], self._edge.hidden,
         )  # fmt: skip
         self.state = Shifts(
@@ -187,7 +187,7 @@ class Follower:
             log_size=np.where(visible, size, np.nan),
             hue=np.where(visible[0], hue, np.nan),
             visible=visible,
-            ambiguous=doubtful | (visible & doubt.mask),
+            ambiguous=far | (visible & (claimed | doubt.mask)),
             last_seen=self.state.last_seen.copy(),
             covariance=np.full((count, 3 * layers, 3 * layers), np.nan),
         )

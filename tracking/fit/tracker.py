@@ -152,7 +152,7 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
             ambiguous = look.visible & (look.torn | unsure)
     memory, look, ambiguous = _tuned(known, memory, image, look, ambiguous, start)
     before, memory = memory, _remember(known, memory, look, steady)
-    memory = _doubting(known, before, memory, image, look, few)
+    memory = _doubting(known, before, memory, image, look, steady)
     # Markers that the edge cuts are fitted, so that their neighbours are followed, but not told.
     told = ~known.edge.hidden(look.fits.state.fits[..., :2])
     look, ambiguous = look._replace(visible=look.visible & told), ambiguous & told
@@ -168,14 +168,14 @@ def _moved(known: AtRest, fits: Array) -> Array:
 
 
 def _doubting(
-    known: AtRest, before: Memory, memory: Memory, image: Image, look: Look, few: int
+    known: AtRest, before: Memory, memory: Memory, image: Image, look: Look, steady: bool
 ) -> Memory:
     """Judge whether the numbers are certain, see `doubt`."""
     lost = ~(look.visible & ~look.on_others).T[: known.layers]
     rest = np.swapaxes(known.state.fits[..., :2], 0, 1)[: known.layers]
     last, now = (rest + _moved(known, each.start.fits) for each in (before, memory))
     doubt = doubted(
-        memory.doubt, (last - last + rest, last, now), lost, few, known.pitch, known.fit.near,
+        memory.doubt, (rest, last, now), lost, not steady, known.settings.few, known.pitch, known.fit.near,
         lambda: known.relocator.blobs(image)[0],
         replace(known.edge, cut=known.edge.cut.T[: known.layers]).hidden,
     )  # fmt: skip
