@@ -142,7 +142,8 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
     few = max(settings.few, int(settings.few_share * len(look.visible)))
     steady = not astray(known, memory, look, few)
     if not steady:
-        relocated = known.relocator(image, _moved(known, memory.start.fits))
+        moved = _places(known, memory.start.fits) - _places(known, known.state.fits)
+        relocated = known.relocator(image, moved)
         start = _start_at(known, memory, relocated)
         again = judge(known, memory, image, known.fit.fit(image, start, steps), start)
         if worth(again) >= worth(look):
@@ -160,11 +161,10 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
     return memory, _tracks(known, memory, frame, look, ambiguous)
 
 
-def _moved(known: AtRest, fits: Array) -> Array:
-    """Displacements since rest of fits (M, 2, 5), NaN for missing markers, shape (L, M, 2) [px]."""
-    moved = (fits - known.state.fits)[..., :2]
-    moved = np.where(known.state.present[..., None], moved, np.nan)
-    return np.swapaxes(moved, 0, 1)[: known.layers]
+def _places(known: AtRest, fits: Array) -> Array:
+    """Places of fits (M, 2, 5) by layer, NaN where one has no marker, shape (L, M, 2) [px]."""
+    places = np.where(known.state.present[..., None], fits[..., :2], np.nan)
+    return np.swapaxes(places, 0, 1)[: known.layers]
 
 
 def _doubting(
@@ -172,10 +172,9 @@ def _doubting(
 ) -> Memory:
     """Judge whether the numbers are certain, see `doubt`."""
     lost = ~(look.visible & ~look.on_others).T[: known.layers]
-    rest = np.swapaxes(known.state.fits[..., :2], 0, 1)[: known.layers]
-    last, now = (rest + _moved(known, each.start.fits) for each in (before, memory))
+    places = (_places(known, each.start.fits) for each in (before, memory))
     doubt = doubted(
-        memory.doubt, (rest, last, now), lost, not steady, known.settings.few, known.pitch, known.fit.near,
+        memory.doubt, (_places(known, known.state.fits), *places), lost, not steady, known.settings.few, known.pitch, known.fit.near,
         lambda: known.relocator.blobs(image)[0],
         replace(known.edge, cut=known.edge.cut.T[: known.layers]).hidden,
     )  # fmt: skip
