@@ -24,6 +24,8 @@ _REACH = 0.25
 _TORN = 0.4
 #: Share of the markers that may be torn off the others; if it is more, no number is certain.
 _MOST_TORN = 0.3
+#: Share of the markers that may be missing where no number is doubted any more.
+_FEW_MISSING = 0.1
 
 
 @dataclass(frozen=True)
@@ -44,19 +46,21 @@ class Doubt:
         """No doubt at rest, where these markers (L, M) are visible."""
         return cls(mask=np.zeros_like(visible), lost=~visible)
 
+    def stands(self, lost: Mask, few: int) -> bool:
+        """Whether no more than a few markers (L, M) were lost or found again since."""
+        return int(np.count_nonzero(lost != self.lost)) <= few
+
 
 def doubted(
     before: Doubt,
     places: tuple[Array, Array, Array],
     lost: Mask,
-    alarm: bool,
-    few: int,
     pitch: float,
     near: NDArray[np.int64],
-    spots: Callable[[], list[Array]],
+    spots: list[Array],
     hidden: Callable[[Array], Mask],
 ) -> Doubt:
-    """Judge the numbers of a frame, if more than a few markers were lost or found again.
+    """Judge the numbers of a frame in which markers were lost or found again, or moved far.
 
     Parameters
     ----------
@@ -64,19 +68,15 @@ def doubted(
     places: at rest, in the last frame and now, assumed ones for lost markers; NaN where a layer has
         none [px], shape (L, M, 2)
     lost: markers that are not found, shape (L, M)
-    alarm: whether there is reason to judge in any case
-    few: number of markers whose loss is no sign of a jump
     pitch: typical distance to the nearest other marker [px]
     near: indices of K neighbours of each marker, shape (M, K)
-    spots: finds the places of each layer's spots in this frame, L arrays (n, 2)
+    spots: places of each layer's spots in this frame [px], L arrays (n, 2)
     hidden: tells which places (L, M, 2) lie out of sight
     """
-    if not alarm and np.count_nonzero(lost != before.lost) <= few:
-        return before
     rest, last, now = places
     present = np.isfinite(rest[..., 0])
-    seen, found = present & ~lost, spots()
-    trees = [scipy.spatial.KDTree(own) if len(own) else None for own in found]
+    seen = present & ~lost
+    trees = [scipy.spatial.KDTree(own) if len(own) else None for own in spots]
 
     def explained(at: Array) -> tuple[float, int]:
         """Number of spots with a marker, one out of sight counts half; number of other markers."""
@@ -85,19 +85,20 @@ def doubted(
             own = present[layer]
             near = np.zeros(len(own), dtype=np.bool_)
             if tree is not None:
-                apart, spot = tree.query(at[layer, own], distance_upper_bound=_REACH * pitch)
+                found = tree.query(at[layer, own], distance_upper_bound=_REACH * pitch)
+                apart, spot = (np.asarray(each) for each in found)
                 near[own] = np.isfinite(apart)
                 total += len(np.unique(spot[np.isfinite(apart)]))
-            total += 0.5 * np.count_nonzero(own & out[layer] & ~near)
-            missing += np.count_nonzero(own & ~out[layer] & ~near)
+            total += 0.5 * int((own & out[layer] & ~near).sum())
+            missing += int((own & ~out[layer] & ~near).sum())
         return total, missing
 
     whole = rest + np.nanmedian(now - rest, axis=1, keepdims=True)
     steps = _steps(now[0])
     (own, missing), (still, _) = explained(now), explained(whole)
-    other = max(explained(at + step)[0] for step in steps for at in (now, whole))
-    torn = seen & ~_together(now - last, seen, near, _TORN * pitch)
-    count, most = present.sum(), sum(map(len, found))
+    other = max((explained(at + step)[0] for step in steps for at in (now, whole)), default=0.0)
+    torn = _torn(now - last, seen, near, _TORN * pitch)
+    count, most = present.sum(), sum(map(len, spots))
     mask = before.mask
     if most < 0.5 * count:
         pass  # a frame that shows too little
@@ -111,24 +112,27 @@ def doubted(
         mask = seen & (mask | torn)
         # Where a lost marker is found again depends on those around it.
         mask |= ~seen & mask[:, near].any(axis=2)
-    elif own > other and missing <= few:
+    elif own > other and missing <= _FEW_MISSING * count:
         mask = torn
     return Doubt(mask=mask, lost=lost)
 
 
-def _together(step: Array, seen: Mask, near: NDArray[np.int64], limit: float) -> Mask:
-    """Mask (L, M) of the largest group of markers that went on like their neighbours."""
-    result = np.zeros_like(seen)
-    for own, there, group in zip(step, seen, result, strict=True):
+def _torn(step: Array, seen: Mask, near: NDArray[np.int64], limit: float) -> Mask:
+    """Mask (L, M) of seen markers outside the largest group that went on together, and off it."""
+    torn = np.zeros_like(seen)
+    for own, there, result in zip(step, seen, torn, strict=True):
         linked = np.linalg.norm(own[near] - own[:, None], axis=2) < limit
         linked &= there[near] & there[:, None]
         one = np.broadcast_to(np.arange(len(near))[:, None], near.shape)
         links = (np.ones(linked.sum()), (one[linked], near[linked]))
         graph = scipy.sparse.csr_matrix(links, shape=(len(near), len(near)))
-        _, number = scipy.sparse.csgraph.connected_components(graph, directed=False)
-        if there.any():
-            group |= there & (number == np.bincount(number[there]).argmax())
-    return result
+        group = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+        numbers, sizes = np.unique(group[there], return_counts=True)
+        middle = {n: np.median(own[there & (group == n)], axis=0) for n in numbers}
+        for n in numbers:
+            off = np.linalg.norm(middle[n] - middle[numbers[sizes.argmax()]])
+            result |= there & (group == n) & (off > limit)
+    return torn
 
 
 def _steps(at: Array) -> Array:

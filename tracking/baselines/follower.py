@@ -166,18 +166,14 @@ class Follower:
         apart = np.linalg.norm(position[:, :, None] - position[:, self._near], axis=-1)
         claimed = (apart < settings.apart * self._pitch).any(axis=-1)
         far = visible & (jump > settings.doubtful_jump * self._pitch)
-        last = self._origin + shift
-        shift = _carry(np.where(visible[..., None], moved, shift), visible, self._near)
-        doubt = doubted(
-            self.state.doubt, (self._origin, last, self._origin + shift), ~visible | claimed,
-            bool(far.any()), settings.few, self._pitch, self._near,
-            lambda: self._relocator.blobs(frame.image)[0], self._edge.hidden,
-        )  # fmt: skip
+        before, lost = self.state, ~visible | claimed
         self.state = Shifts(
-            shift=shift,
-            last_seen=np.where(visible, frame.time, self.state.last_seen),
-            doubt=doubt,
+            shift=_carry(np.where(visible[..., None], moved, shift), visible, self._near),
+            last_seen=np.where(visible, frame.time, before.last_seen),
+            doubt=before.doubt,
         )
+        if far.any() or not before.doubt.stands(lost, settings.few):
+            self.state = replace(self.state, doubt=self._doubted(before, lost, frame.image))
         unknown = np.full((layers, count), np.nan)
         size = unknown if measured.log_size is None else measured.log_size
         hue = unknown[0] if measured.hue is None else measured.hue
@@ -187,10 +183,17 @@ class Follower:
             log_size=np.where(visible, size, np.nan),
             hue=np.where(visible[0], hue, np.nan),
             visible=visible,
-            ambiguous=far | (visible & (claimed | doubt.mask)),
+            ambiguous=far | (visible & (claimed | self.state.doubt.mask)),
             last_seen=self.state.last_seen.copy(),
             covariance=np.full((count, 3 * layers, 3 * layers), np.nan),
         )
+
+    def _doubted(self, before: Shifts, lost: NDArray[np.bool_], image: Image) -> Doubt:
+        """Judge which numbers are certain."""
+        rest, spots = self._origin, self._relocator.blobs(np.ascontiguousarray(image))[0]
+        places = (rest, rest + before.shift, rest + self.state.shift)
+        hidden = self._edge.hidden
+        return doubted(before.doubt, places, lost, self._pitch, self._near, spots, hidden)
 
 
 def nearest(points: Array, expected: Array, reach: float, mutual: bool) -> NDArray[np.intp]:

@@ -32,12 +32,14 @@ class Relocated:
     found: whether each marker was found, shape (L, M)
     ambiguous: whether it was found, but another blob or number fits nearly as well, shape (L, M)
     gains: light of each channel over that at rest, at each marker, shape (M, 3)
+    blobs: centres of each layer's blobs [px], L arrays (n, 2)
     """
 
     position: Array
     found: NDArray[np.bool_]
     ambiguous: NDArray[np.bool_]
     gains: Array
+    blobs: list[Array]
 
 
 class Relocator:
@@ -87,7 +89,7 @@ class Relocator:
             np.clip(np.rint(self._middle[:, k]).astype(int), 0, size - 1)
             for k, size in enumerate((image.shape[1], image.shape[0]))
         )
-        return Relocated(position, found, ambiguous, np.exp(gains[y, x].astype(float)))
+        return Relocated(position, found, ambiguous, np.exp(gains[y, x].astype(float)), blobs)
 
     def blobs(self, image: Image) -> tuple[list[Array], NDArray[np.float32]]:
         """Centres (n, 2) of each layer's blobs, and log of light over that at rest, (H, W, 3)."""

@@ -140,7 +140,7 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
     look = untangled(known, memory, image, look)
     ambiguous = look.torn
     few = max(settings.few, int(settings.few_share * len(look.visible)))
-    steady = not astray(known, memory, look, few)
+    steady, relocated = not astray(known, memory, look, few), None
     if not steady:
         moved = _places(known, memory.start.fits) - _places(known, known.state.fits)
         relocated = known.relocator(image, moved)
@@ -153,7 +153,7 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
             ambiguous = look.visible & (look.torn | unsure)
     memory, look, ambiguous = _tuned(known, memory, image, look, ambiguous, start)
     before, memory = memory, _remember(known, memory, look, steady)
-    memory = _doubting(known, before, memory, image, look, steady)
+    memory = _doubting(known, before, memory, image, look, relocated)
     # Markers that the edge cuts are fitted, so that their neighbours are followed, but not told.
     told = ~known.edge.hidden(look.fits.state.fits[..., :2])
     look, ambiguous = look._replace(visible=look.visible & told), ambiguous & told
@@ -168,16 +168,23 @@ def _places(known: AtRest, fits: Array) -> Array:
 
 
 def _doubting(
-    known: AtRest, before: Memory, memory: Memory, image: Image, look: Look, steady: bool
+    known: AtRest,
+    before: Memory,
+    memory: Memory,
+    image: Image,
+    look: Look,
+    relocated: Relocated | None,
 ) -> Memory:
-    """Judge whether the numbers are certain, see `doubt`."""
+    """Judge whether the numbers are certain, if several were lost or found again, see `doubt`."""
     lost = ~(look.visible & ~look.on_others).T[: known.layers]
-    places = (_places(known, each.start.fits) for each in (before, memory))
-    doubt = doubted(
-        memory.doubt, (_places(known, known.state.fits), *places), lost, not steady, known.settings.few, known.pitch, known.fit.near,
-        lambda: known.relocator.blobs(image)[0],
-        replace(known.edge, cut=known.edge.cut.T[: known.layers]).hidden,
-    )  # fmt: skip
+    if relocated is None and memory.doubt.stands(lost, known.settings.few):
+        return memory
+    spots = known.relocator.blobs(image)[0] if relocated is None else relocated.blobs
+    fits = (known.state.fits, before.start.fits, memory.start.fits)
+    rest, last, now = (_places(known, each) for each in fits)
+    edge = replace(known.edge, cut=known.edge.cut.T[: known.layers])
+    near, hidden = known.fit.near, edge.hidden
+    doubt = doubted(memory.doubt, (rest, last, now), lost, known.pitch, near, spots, hidden)
     return replace(memory, doubt=doubt)
 
 
