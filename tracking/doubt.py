@@ -7,11 +7,13 @@ If more of the spots are explained then, no number is certain, until the own one
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+
+from .detection import neighbours
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -36,19 +38,36 @@ class Doubt:
     ----------
     mask: markers whose number is not certain, shape (L, M)
     lost: markers that were lost when this was last judged, shape (L, M)
+    margin: markers at the margin of the field, some of which any jump loses, shape (M,)
     """
 
     mask: Mask
     lost: Mask
+    margin: Mask
 
     @classmethod
-    def of_rest(cls, visible: Mask) -> "Doubt":
-        """No doubt at rest, where these markers (L, M) are visible."""
-        return cls(mask=np.zeros_like(visible), lost=~visible)
+    def of_rest(cls, places: Array, visible: Mask) -> "Doubt":
+        """No doubt at rest, with places (L, M, 2) [px] of which some are visible, shape (L, M)."""
+        middle = np.nanmean(places, axis=0)
+        ways = middle[neighbours(middle, _AROUND)] - middle[:, None]
+        aside = np.linalg.norm(ways.mean(axis=1), axis=1)
+        margin = aside > 0.5 * np.linalg.norm(ways, axis=2).min(axis=1)
+        return cls(mask=np.zeros_like(visible), lost=~visible, margin=margin)
 
-    def stands(self, lost: Mask, few: int) -> bool:
-        """Whether no more than a few markers (L, M) were lost or found again since."""
-        return int(np.count_nonzero(lost != self.lost)) <= few
+    def stands(self, lost: Mask, far: Mask, few: int) -> bool:
+        """Whether there is no reason to judge again: most of the margin is lost or found as before.
+
+        Parameters
+        ----------
+        lost: markers that are lost now, shape (L, M)
+        far: markers that moved far, or otherwise than those around them
+        few: number of markers whose loss is no reason
+        """
+        if np.count_nonzero((lost != self.lost) & self.margin) > few:
+            return False
+        if self.mask.all():
+            return bool(lost.sum() >= self.lost.sum() - few)
+        return not far.any()
 
 
 def doubted(
@@ -76,34 +95,18 @@ def doubted(
     rest, last, now = places
     present = np.isfinite(rest[..., 0])
     seen = present & ~lost
-    trees = [scipy.spatial.KDTree(own) if len(own) else None for own in spots]
-
-    def explained(at: Array) -> tuple[float, int]:
-        """Number of spots with a marker, one out of sight counts half; number of other markers."""
-        total, missing, out = 0.0, 0, hidden(at)
-        for layer, tree in enumerate(trees):
-            own = present[layer]
-            near = np.zeros(len(own), dtype=np.bool_)
-            if tree is not None:
-                found = tree.query(at[layer, own], distance_upper_bound=_REACH * pitch)
-                apart, spot = (np.asarray(each) for each in found)
-                near[own] = np.isfinite(apart)
-                total += len(np.unique(spot[np.isfinite(apart)]))
-            total += 0.5 * int((own & out[layer] & ~near).sum())
-            missing += int((own & ~out[layer] & ~near).sum())
-        return total, missing
-
     whole = rest + np.nanmedian(now - rest, axis=1, keepdims=True)
-    steps = _steps(now[0])
-    (own, missing), (still, _) = explained(now), explained(whole)
-    other = max((explained(at + step)[0] for step in steps for at in (now, whole)), default=0.0)
+    moved_on = (at + step for step in _steps(now[0]) for at in (now, whole))
+    tried = np.stack([now, whole, *moved_on])
+    out = np.stack([hidden(at) for at in tried])
+    explained, missing = _explained(tried, out, present, spots, _REACH * pitch)
     torn = _torn(now - last, seen, near, _TORN * pitch)
     count, most = present.sum(), sum(map(len, spots))
     mask = before.mask
     if most < 0.5 * count:
         pass  # a frame that shows too little
     elif (
-        max(other, still) > own
+        explained.max() > explained[0]
         or torn.sum() > _MOST_TORN * seen.sum()
         or (missing > _MOST_TORN * count and most > (1.0 - _MOST_TORN) * count)
     ):
@@ -112,9 +115,39 @@ def doubted(
         mask = seen & (mask | torn)
         # Where a lost marker is found again depends on those around it.
         mask |= ~seen & mask[:, near].any(axis=2)
-    elif own > other and missing <= _FEW_MISSING * count:
+    elif explained[0] > explained[2:].max(initial=0.0) and missing <= _FEW_MISSING * count:
         mask = torn
-    return Doubt(mask=mask, lost=lost)
+    return replace(before, mask=mask, lost=lost)
+
+
+def _explained(
+    tried: Array, out: Mask, present: Mask, spots: list[Array], reach: float
+) -> tuple[Array, int]:
+    """Number of spots that have a marker in T tries, one out of sight counts half, shape (T,).
+
+    And number of markers without a spot in the first one.
+
+    Parameters
+    ----------
+    tried: places of the markers in each try [px], shape (T, L, M, 2)
+    out: which of them are out of sight, shape (T, L, M)
+    present: whether each layer has a marker, shape (L, M)
+    spots: places of each layer's spots [px], L arrays (n, 2)
+    reach: largest distance of a spot from its marker [px]
+    """
+    explained, missing = np.zeros(len(tried)), 0
+    for layer, (own, there) in enumerate(zip(spots, present, strict=True)):
+        off = np.ones((len(tried), there.sum()), dtype=np.bool_)
+        if len(own):
+            query = scipy.spatial.KDTree(own).query
+            apart, spot = query(tried[:, layer, there], distance_upper_bound=reach)
+            off = ~np.isfinite(apart)
+            taken = np.zeros((len(tried), len(own) + 1), dtype=np.bool_)
+            np.put_along_axis(taken, np.asarray(spot), values=True, axis=1)
+            explained += taken[:, :-1].sum(axis=1)
+        explained += 0.5 * (off & out[:, layer, there]).sum(axis=1)
+        missing += int((off & ~out[:, layer, there])[0].sum())
+    return explained, missing
 
 
 def _torn(step: Array, seen: Mask, near: NDArray[np.int64], limit: float) -> Mask:

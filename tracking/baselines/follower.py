@@ -34,7 +34,7 @@ class FollowerSettings:
     doubtful_jump: motion between frames above which a marker is ambiguous
     apart: smallest distance between markers of one layer; closer ones are ambiguous
     fewest: smallest share of the rest frame's markers that the tracker must find there itself
-    few: number of newly lost markers above which the whole field is searched for a jump
+    few: number of markers that may be lost at the margin without a doubt that the field jumped
     neighbours: number of neighbours that a lost marker moves with
     reach: largest distance of a marker from its expected position
     """
@@ -120,7 +120,7 @@ class Follower:
         self.state = Shifts(
             shift=np.zeros_like(at_rest.position),
             last_seen=np.full(at_rest.position.shape[:2], np.nan),
-            doubt=Doubt.of_rest(np.isfinite(at_rest.position[..., 0])),
+            doubt=Doubt.of_rest(at_rest.position, np.isfinite(at_rest.position[..., 0])),
         )
         self._relocator = Relocator(at_rest, self._palette)
         image = np.rint(at_rest.image).astype(np.uint8)
@@ -136,7 +136,7 @@ class Follower:
         # Shifts are relative to the positions that the tracker itself finds at rest.
         self._origin = np.where(tracks.visible[..., None], tracks.position, self._origin)
         self._edge = self._edge.at_rest(self._origin)
-        doubt = Doubt.of_rest(tracks.visible)
+        doubt = replace(self.state.doubt, mask=np.zeros_like(tracks.visible), lost=~tracks.visible)
         self.state = replace(self.state, shift=np.zeros_like(self._origin), doubt=doubt)
         return tracks
 
@@ -172,7 +172,7 @@ class Follower:
             last_seen=np.where(visible, frame.time, before.last_seen),
             doubt=before.doubt,
         )
-        if far.any() or not before.doubt.stands(lost, settings.few):
+        if not before.doubt.stands(lost, far, settings.few):
             self.state = replace(self.state, doubt=self._doubted(before, lost, frame.image))
         unknown = np.full((layers, count), np.nan)
         size = unknown if measured.log_size is None else measured.log_size

@@ -89,7 +89,7 @@ class MarkerTracker:
             last_seen=np.where(visible.T, rest[-1].time, np.nan)[: known.layers],
             typical=known.typical,
             patience=self.settings.patience,
-            doubt=Doubt.of_rest(visible.T[: known.layers]),
+            doubt=Doubt.of_rest(_places(known, known.state.fits), visible.T[: known.layers]),
         )
         look = surveyed(known, self._memory, fits)
         tracks = _tracks(known, self._memory, rest[-1], look, np.zeros_like(visible))
@@ -177,7 +177,7 @@ def _doubting(
 ) -> Memory:
     """Judge whether the numbers are certain, if several were lost or found again, see `doubt`."""
     lost = ~(look.visible & ~look.on_others).T[: known.layers]
-    if relocated is None and memory.doubt.stands(lost, known.settings.few):
+    if memory.doubt.stands(lost, look.torn, known.settings.few):
         return memory
     spots = known.relocator.blobs(image)[0] if relocated is None else relocated.blobs
     fits = (known.state.fits, before.start.fits, memory.start.fits)
