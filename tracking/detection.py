@@ -117,43 +117,37 @@ def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) ->
 
 @dataclass(frozen=True)
 class Edge:
-    """Edge of the field of an unknown sensor, which cuts the markers that move over it.
+    """Edge of the field, which cuts the markers that move over it.
 
     A tracker sees a part of such a disc, and places it too far inside.
 
     Attributes
     ----------
-    whole: places of a marker's centre where all of it lies in the field, shape (H, W); None of a
-        known sensor, whose rim is modelled
+    whole: places of a marker's centre where all of it lies in the field, shape (H, W); of a known
+        sensor, whose rim is modelled, where its centre does
     cut: markers that are cut at rest, and may stay so, shape (...)
     """
 
-    whole: NDArray[np.bool_] | None
+    whole: NDArray[np.bool_]
     cut: NDArray[np.bool_]
 
     @classmethod
     def of_rest(cls, rest: RestFrame, palette: Palette, position: Array) -> "Edge":
         """Edge of the field in a rest frame, in which the markers have positions (..., 2) [px]."""
-        edge = cls(whole=None, cut=np.zeros(position.shape[:-1], dtype=np.bool_))
-        if palette.sensor is not None:
-            return edge
         field = (rest.ground[..., 0] > 0.0).astype(np.uint8)
         blur = 2.0  # of an ordinary lens [px]
         # The edge of the picture ends a field as well.
         away: Any = cv2.distanceTransform(np.pad(field, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        whole = np.asarray(away[1:-1, 1:-1] > float(rest.radius.max()) + blur)
-        return replace(edge, whole=whole).at_rest(position)
+        least = float(rest.radius.max()) + blur if palette.sensor is None else 0.0
+        whole = np.asarray(away[1:-1, 1:-1] > least)
+        return cls(whole=whole, cut=~_at_places(whole, position))
 
     def at_rest(self, position: Array) -> "Edge":
         """The same edge with other positions (..., 2) of the markers at rest [px]."""
-        if self.whole is None:
-            return self
         return Edge(whole=self.whole, cut=~_at_places(self.whole, position))
 
     def hidden(self, position: Array) -> NDArray[np.bool_]:
         """Mask (...) of the markers that it cuts, though it did not at rest."""
-        if self.whole is None:
-            return self.cut  # none
         return ~(_at_places(self.whole, position) | self.cut)
 
 
