@@ -151,6 +151,8 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
             unsure = np.zeros_like(look.visible)
             unsure[:, : known.layers] = relocated.ambiguous.T
             ambiguous = look.visible & (look.torn | unsure)
+        else:
+            steady = True
     memory, look, ambiguous = _tuned(known, memory, image, look, ambiguous, start)
     before, memory = memory, _remember(known, memory, look, steady)
     memory = _doubting(known, before, memory, image, look, relocated)
