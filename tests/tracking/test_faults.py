@@ -168,7 +168,45 @@ def judged(name: str, seeds: range) -> None:
     assert total["flagged right"] <= 0.03 * total["right"], total
 
 
+def moved(field: Field, shift: np.ndarray, seed: int) -> Shown:
+    """Discs that moved together, in even light."""
+    places = field.places + shift
+    levels = picture(field, places, np.full((*field.shape, 3), 190.0))
+    noise = np.random.default_rng([63, seed]).normal(0.0, 2.0, levels.shape)
+    return Shown(np.clip(np.rint(levels + noise), 0, 255).astype(np.uint8), places)
+
+
 @pytest.mark.parametrize("name", TRACKERS)
+def test_small_steps_lead_past_the_next_marker(name: str) -> None:
+    """1.6 pitches aslant in steps of 0.2, some of the discs out of the picture, and back."""
+    field = drawn_field(np.random.default_rng(3))
+    far = np.array([*range(3), *np.linspace(0.0, 1.6, 9), *np.linspace(1.6, 0.0, 9)])
+    far[:3] = 0.0
+    steps = field.pitch * far[:, None] * [0.8, -0.6]
+    found = counts(name, field, [moved(field, step, k) for k, step in enumerate(steps)])
+    assert found["wrong"] == 0
+    assert found["flagged right"] == 0
+    assert found["right"] > 0.7 * len(far[2:]) * len(field.places)
+
+
+@pytest.mark.parametrize("name", TRACKERS)
+@pytest.mark.parametrize("way", [(0.9, 0.0), (0.0, -0.9), (0.65, 0.65), (-1.2, 0.1)])
+def test_after_a_jump_to_the_next_marker_no_number_is_certain(
+    name: str, way: tuple[float, float]
+) -> None:
+    """Whoever takes the neighbour says so, then and later; small motion before is no doubt."""
+    field = drawn_field(np.random.default_rng(3))
+    small = 0.1 * field.pitch * np.arange(3)[:, None] * [1.0, 0.0]
+    jump = small[-1] + field.pitch * np.array(way)
+    shown = [moved(field, step, k) for k, step in enumerate([*small, *[jump] * 4])]
+    before = counts(name, field, [shown[0], shown[0], *shown[1:3]])
+    assert (before["wrong"], before["flagged right"]) == (0, 0)
+    found = counts(name, field, [shown[0], *shown])
+    assert found["wrong"] > 0
+    assert found["unflagged wrong"] == 0
+
+
+@pytest.mark.parametrize("name", ["fit", "lk"])
 def test_each_fault_is_followed_or_flagged(name: str) -> None:
     judged(name, range(len(FAULTS)))
 
