@@ -103,10 +103,12 @@ def doubted(
     torn = _torn(now - last, seen, near, _TORN * pitch)
     count, most = present.sum(), sum(map(len, spots))
     mask = before.mask
+    if explained[1] > explained[0]:
+        torn |= seen & (np.linalg.norm(now - whole, axis=2) > 0.5 * pitch)
     if most < 0.5 * count:
         pass  # a frame that shows too little
     elif (
-        explained.max() > explained[0]
+        explained[2:].max(initial=0.0) > explained[0]
         or torn.sum() > _MOST_TORN * seen.sum()
         or (missing > _MOST_TORN * count and most > (1.0 - _MOST_TORN) * count)
     ):
@@ -151,7 +153,7 @@ def _explained(
 
 
 def _torn(step: Array, seen: Mask, near: NDArray[np.int64], limit: float) -> Mask:
-    """Mask (L, M) of seen markers outside the largest group that went on together, and off it."""
+    """Mask (L, M) of seen markers that went on otherwise than the largest group beside them."""
     torn = np.zeros_like(seen)
     for own, there, result in zip(step, seen, torn, strict=True):
         linked = np.linalg.norm(own[near] - own[:, None], axis=2) < limit
@@ -160,11 +162,10 @@ def _torn(step: Array, seen: Mask, near: NDArray[np.int64], limit: float) -> Mas
         links = (np.ones(linked.sum()), (one[linked], near[linked]))
         graph = scipy.sparse.csr_matrix(links, shape=(len(near), len(near)))
         group = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-        numbers, sizes = np.unique(group[there], return_counts=True)
-        middle = {n: np.median(own[there & (group == n)], axis=0) for n in numbers}
-        for n in numbers:
-            off = np.linalg.norm(middle[n] - middle[numbers[sizes.argmax()]])
-            result |= there & (group == n) & (off > limit)
+        apart = there[near] & there[:, None] & (group[near] != group[:, None])
+        if apart.any():
+            beside = np.isin(group, group[apart.any(axis=1)])
+            result |= there & beside & (group != np.bincount(group[there]).argmax())
     return torn
 
 
