@@ -50,8 +50,8 @@ class Doubt:
         """No doubt at rest, with places (L, M, 2) [px] of which some are visible, shape (L, M)."""
         middle = np.nanmean(places, axis=0)
         ways = middle[neighbours(middle, _AROUND)] - middle[:, None]
-        aside = np.linalg.norm(ways.mean(axis=1), axis=1)
-        margin = aside > 0.5 * np.linalg.norm(ways, axis=2).min(axis=1)
+        aside = np.linalg.norm(ways.sum(axis=1), axis=1) / _AROUND
+        margin = aside > 0.5 * np.linalg.norm(ways, axis=2).min(axis=1, initial=np.inf)
         return cls(mask=np.zeros_like(visible), lost=~visible, margin=margin)
 
     def stands(self, lost: Mask, far: Mask, few: int) -> bool:
