@@ -253,7 +253,10 @@ def _remember(known: AtRest, memory: Memory, look: Look, steady: bool) -> Memory
     lost = np.asarray((~visible & known.state.present).any(axis=1)) & ~known.odd
     # A missing layer keeps its rest position.
     followed = visible | (known.state.present & known.odd[:, None])
-    fits = np.where(followed[..., None], state.fits, known.state.fits)
+    # After a frame that shows too little, the field is near its last place, not at rest.
+    blind = 2 * np.count_nonzero(visible) < np.count_nonzero(known.state.present)
+    other = memory.start.fits if blind else known.state.fits
+    fits = np.where(followed[..., None], state.fits, other)
     if lost.any():
         displacement = np.where(visible[..., None], state.fits - known.state.fits, np.nan)
         gains = np.where(np.asarray(visible.any(axis=1))[:, None], state.gains, np.nan)
@@ -261,6 +264,7 @@ def _remember(known: AtRest, memory: Memory, look: Look, steady: bool) -> Memory
             for k in np.flatnonzero(~visible[m]):
                 around = near[m][visible[near[m], k]]
                 if len(around):
+                    fits[m, k] = known.state.fits[m, k]
                     fits[m, k] += np.median(displacement[around, k], axis=0)
             if np.isnan(gains[m, 0]):
                 lit = near[m][visible[near[m]].any(axis=1)]
