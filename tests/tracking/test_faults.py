@@ -206,7 +206,7 @@ def test_after_a_jump_to_the_next_marker_no_number_is_certain(
     assert found["unflagged wrong"] == 0
 
 
-@pytest.mark.parametrize("name", ["fit", "lk"])
+@pytest.mark.parametrize("name", ["fit", "blob"])
 def test_each_fault_is_followed_or_flagged(name: str) -> None:
     judged(name, range(len(FAULTS)))
 
