@@ -190,7 +190,7 @@ def test_small_steps_lead_past_the_next_marker(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TRACKERS)
-@pytest.mark.parametrize("way", [(0.9, 0.0), (0.0, -0.9), (0.65, 0.65), (-1.2, 0.1)])
+@pytest.mark.parametrize("way", [(0.9, 0.0), (0.0, -0.9), (0.8, 0.8), (-1.2, 0.1)])
 def test_after_a_jump_to_the_next_marker_no_number_is_certain(
     name: str, way: tuple[float, float]
 ) -> None:
@@ -204,6 +204,19 @@ def test_after_a_jump_to_the_next_marker_no_number_is_certain(
     found = counts(name, field, [shown[0], *shown])
     assert found["wrong"] > 0
     assert found["unflagged wrong"] == 0
+
+
+@pytest.mark.parametrize("name", ["fit", "quick"])
+@pytest.mark.parametrize("way", [(0.5, 0.0), (0.5, -0.5), (0.3, 0.6)])
+def test_a_jump_between_the_markers_is_told_by_the_margin(
+    name: str, way: tuple[float, float]
+) -> None:
+    field = drawn_field(np.random.default_rng(3))
+    jump = field.pitch * np.array(way)
+    steps = [0.0 * jump, 0.0 * jump, *[jump] * 4]
+    found = counts(name, field, [moved(field, step, k) for k, step in enumerate(steps)])
+    assert (found["wrong"], found["flagged right"]) == (0, 0)
+    assert found["right"] == 4 * len(field.places)
 
 
 @pytest.mark.parametrize("name", ["fit", "blob"])

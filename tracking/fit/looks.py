@@ -73,6 +73,11 @@ def astray(known: AtRest, memory: Memory, look: Look, few: int) -> bool:
     return bool((look.torn & ~gone).any()) or newly > few
 
 
+def blind(known: AtRest, visible: Mask) -> bool:
+    """Whether fewer than half of the markers (M, 2) are visible."""
+    return 2 * int(visible.sum()) < int(known.state.present.sum())
+
+
 def untangled(known: AtRest, memory: Memory, image: Image, look: Look) -> Look:
     """Fit markers that lie on others again, from positions predicted by the pair's other layer.
 

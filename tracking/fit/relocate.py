@@ -5,6 +5,7 @@ get their numbers from the outermost inwards: each is searched at the position t
 neighbours predict. This works for motions of more than half a pitch.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import cv2
@@ -83,13 +84,28 @@ class Relocator:
         blobs, gains = self.blobs(image)
         rest = self._rest.position
         start = np.zeros_like(rest) if moved is None else moved
-        parts = [self._number(*each) for each in zip(rest, start, blobs, strict=True)]
-        position, found, ambiguous = (np.stack(part) for part in zip(*parts, strict=True))
+        position, found, ambiguous = self._numbered(start, blobs)
+        few = 0.5 * np.isfinite(rest[..., 0]).sum()
+        if found.sum() < few <= sum(map(len, blobs)):
+            # The field may lie between the places of its markers.
+            for x, y in itertools.product((-0.5, 0.0, 0.5), repeat=2):
+                other = self._numbered(start + self._rest.pitch * np.array([x, y]), blobs)
+                if other[1].sum() > found.sum():
+                    position, found, ambiguous = other
         x, y = (
             np.clip(np.rint(self._middle[:, k]).astype(int), 0, size - 1)
             for k, size in enumerate((image.shape[1], image.shape[0]))
         )
         return Relocated(position, found, ambiguous, np.exp(gains[y, x].astype(float)), blobs)
+
+    def _numbered(
+        self, start: Array, blobs: list[Array]
+    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Positions of all markers (L, M, 2), whether found, whether ambiguous."""
+        rest = self._rest.position
+        parts = [self._number(*each) for each in zip(rest, start, blobs, strict=True)]
+        position, found, ambiguous = (np.stack(part) for part in zip(*parts, strict=True))
+        return position, found, ambiguous
 
     def blobs(self, image: Image) -> tuple[list[Array], NDArray[np.float32]]:
         """Centres (n, 2) of each layer's blobs, and log of light over that at rest, (H, W, 3)."""

@@ -20,7 +20,7 @@ from ..tracks import Tracks
 from .at_rest import AtRest, fit_rest, visible_markers
 from .compression import compression, deviations, fine_part
 from .kernels.survey_kernels import report, velocities
-from .looks import astray, better, judge, surveyed, untangled, worth
+from .looks import astray, better, blind, judge, surveyed, untangled, worth
 from .memory import Look, Memory
 from .pair_fit import level_variance
 from .pair_state import PairFits, PairState
@@ -141,6 +141,8 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
     ambiguous = look.torn
     few = max(settings.few, int(settings.few_share * len(look.visible)))
     steady, relocated = not astray(known, memory, look, few), None
+    if blind(known, look.visible):
+        steady = steady and memory.frames % settings.looks.turns > 0
     if not steady:
         moved = _places(known, memory.start.fits) - _places(known, known.state.fits)
         relocated = known.relocator(image, moved)
@@ -254,8 +256,7 @@ def _remember(known: AtRest, memory: Memory, look: Look, steady: bool) -> Memory
     # A missing layer keeps its rest position.
     followed = visible | (known.state.present & known.odd[:, None])
     # After a frame that shows too little, the field is near its last place, not at rest.
-    blind = 2 * np.count_nonzero(visible) < np.count_nonzero(known.state.present)
-    other = memory.start.fits if blind else known.state.fits
+    other = memory.start.fits if blind(known, visible) else known.state.fits
     fits = np.where(followed[..., None], state.fits, other)
     if lost.any():
         displacement = np.where(visible[..., None], state.fits - known.state.fits, np.nan)
