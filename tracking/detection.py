@@ -123,13 +123,16 @@ class Edge:
 
     Attributes
     ----------
-    whole: places of a marker's centre where all of it lies in the field, shape (H, W); of a known
-        sensor, whose rim is modelled, where its centre does
-    cut: markers that are cut at rest, and may stay so, shape (...)
+    inside: distance of the middle of a marker from where the edge cuts it, positive if whole, shape
+        (H, W); of a known sensor, whose rim is modelled, from the edge itself [px]
+    rest: places at rest [px], shape (..., 2)
+    room: motion along x or y by which a marker certainly stays whole [px], shape (...); infinite
+        for those that are cut at rest, and may stay so
     """
 
-    whole: NDArray[np.bool_]
-    cut: NDArray[np.bool_]
+    inside: Array
+    rest: Array
+    room: Array
 
     @classmethod
     def of_rest(cls, rest: RestFrame, palette: Palette, position: Array) -> "Edge":
@@ -139,26 +142,29 @@ class Edge:
         # The edge of the picture ends a field as well.
         away: Any = cv2.distanceTransform(np.pad(field, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         least = float(rest.radius.max()) + blur if palette.sensor is None else 0.0
-        whole = np.asarray(away[1:-1, 1:-1] > least)
-        return cls(whole=whole, cut=~_at_places(whole, position))
+        return cls(inside=away[1:-1, 1:-1] - least, rest=position, room=position).at_rest(position)
 
     def at_rest(self, position: Array) -> "Edge":
         """The same edge with other positions (..., 2) of the markers at rest [px]."""
-        return Edge(whole=self.whole, cut=~_at_places(self.whole, position))
+        inside = _at_places(self.inside, position)
+        room = np.where(inside > 0.0, (inside - 1.5) / np.sqrt(2.0), np.inf)  # pixels are rounded
+        return Edge(inside=self.inside, rest=position, room=room)
 
     def hidden(self, position: Array) -> NDArray[np.bool_]:
         """Mask (...) of the markers that it cuts, though it did not at rest."""
-        return ~(_at_places(self.whole, position) | self.cut)
+        moved = abs(position - self.rest)
+        far = np.maximum(moved[..., 0], moved[..., 1]) > self.room
+        return far & (_at_places(self.inside, position) <= 0.0) if far.any() else far
 
 
-def _at_places(mask: NDArray[np.bool_], position: Array) -> NDArray[np.bool_]:
-    """Values of a mask at the nearest pixels of positions (..., 2); False where one is unknown."""
-    height, width = mask.shape
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(position).all(axis=-1))
+def _at_places(values: Array, position: Array) -> Array:
+    """Values (H, W) at the nearest pixels of positions (..., 2), −1 where one is unknown."""
+    height, width = values.shape
+    known = np.asarray(np.isfinite(position).all(axis=-1))
     x, y = np.moveaxis(np.rint(np.where(known[..., None], position, -1.0)).astype(int), -1, 0)
-    inside: NDArray[np.bool_] = known & (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    found: NDArray[np.bool_] = mask[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
-    return np.asarray(inside & found)
+    inside = known & (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    found = values[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
+    return np.asarray(np.where(inside, found, -1.0), dtype=float)
 
 
 def resting_ground(image: Levels, palette: Palette) -> Array:

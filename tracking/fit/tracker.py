@@ -186,8 +186,7 @@ def _doubting(
     spots = known.relocator.blobs(image)[0] if relocated is None else relocated.blobs
     fits = (known.state.fits, before.start.fits, memory.start.fits)
     rest, last, now = (_places(known, each) for each in fits)
-    edge = replace(known.edge, cut=known.edge.cut.T[: known.layers])
-    near, hidden = known.fit.near, edge.hidden
+    near, hidden = known.fit.near, known.edge.at_rest(rest).hidden
     doubt = doubted(memory.doubt, (rest, last, now), lost, known.pitch, near, spots, hidden)
     return replace(memory, doubt=doubt)
 
