@@ -117,54 +117,54 @@ def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) ->
 
 @dataclass(frozen=True)
 class Edge:
-    """Edge of the field of an unknown sensor, which cuts the markers that move over it.
+    """Edge of the field, which cuts the markers that move over it.
 
     A tracker sees a part of such a disc, and places it too far inside.
 
     Attributes
     ----------
-    whole: places of a marker's centre where all of it lies in the field, shape (H, W); None of a
-        known sensor, whose rim is modelled
-    cut: markers that are cut at rest, and may stay so, shape (...)
+    inside: distance of the middle of a marker from where the edge cuts it, positive if whole, shape
+        (H, W); of a known sensor, whose rim is modelled, from the edge itself [px]
+    rest: places at rest [px], shape (..., 2)
+    room: motion along x or y by which a marker certainly stays whole [px], shape (...); infinite
+        for those that are cut at rest, and may stay so
     """
 
-    whole: NDArray[np.bool_] | None
-    cut: NDArray[np.bool_]
+    inside: Array
+    rest: Array
+    room: Array
 
     @classmethod
     def of_rest(cls, rest: RestFrame, palette: Palette, position: Array) -> "Edge":
         """Edge of the field in a rest frame, in which the markers have positions (..., 2) [px]."""
-        edge = cls(whole=None, cut=np.zeros(position.shape[:-1], dtype=np.bool_))
-        if palette.sensor is not None:
-            return edge
         field = (rest.ground[..., 0] > 0.0).astype(np.uint8)
         blur = 2.0  # of an ordinary lens [px]
         # The edge of the picture ends a field as well.
         away: Any = cv2.distanceTransform(np.pad(field, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        whole = np.asarray(away[1:-1, 1:-1] > float(rest.radius.max()) + blur)
-        return replace(edge, whole=whole).at_rest(position)
+        least = float(rest.radius.max()) + blur if palette.sensor is None else 0.0
+        return cls(inside=away[1:-1, 1:-1] - least, rest=position, room=position).at_rest(position)
 
     def at_rest(self, position: Array) -> "Edge":
         """The same edge with other positions (..., 2) of the markers at rest [px]."""
-        if self.whole is None:
-            return self
-        return Edge(whole=self.whole, cut=~_at_places(self.whole, position))
+        inside = _at_places(self.inside, position)
+        room = np.where(inside > 0.0, (inside - 1.5) / np.sqrt(2.0), np.inf)  # pixels are rounded
+        return Edge(inside=self.inside, rest=position, room=room)
 
     def hidden(self, position: Array) -> NDArray[np.bool_]:
         """Mask (...) of the markers that it cuts, though it did not at rest."""
-        if self.whole is None:
-            return self.cut  # none
-        return ~(_at_places(self.whole, position) | self.cut)
+        moved = abs(position - self.rest)
+        far = np.maximum(moved[..., 0], moved[..., 1]) > self.room
+        return far & (_at_places(self.inside, position) <= 0.0) if far.any() else far
 
 
-def _at_places(mask: NDArray[np.bool_], position: Array) -> NDArray[np.bool_]:
-    """Values of a mask at the nearest pixels of positions (..., 2); False where one is unknown."""
-    height, width = mask.shape
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(position).all(axis=-1))
+def _at_places(values: Array, position: Array) -> Array:
+    """Values (H, W) at the nearest pixels of positions (..., 2), −1 where one is unknown."""
+    height, width = values.shape
+    known = np.asarray(np.isfinite(position).all(axis=-1))
     x, y = np.moveaxis(np.rint(np.where(known[..., None], position, -1.0)).astype(int), -1, 0)
-    inside: NDArray[np.bool_] = known & (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    found: NDArray[np.bool_] = mask[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
-    return np.asarray(inside & found)
+    inside = known & (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    found = values[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
+    return np.asarray(np.where(inside, found, -1.0), dtype=float)
 
 
 def resting_ground(image: Levels, palette: Palette) -> Array:

@@ -14,7 +14,7 @@ from chromagrip.measure.engine import measure
 from chromagrip.measure.limits.kernels import fisher_information
 from chromagrip.measure.limits.positions import bounds, position_limits
 from chromagrip.measure.study import Asked
-from chromagrip.measure.worlds.track_motion import contact_motion, pitch
+from chromagrip.measure.worlds.track_motion import contact_motion, motion, pitch
 from chromagrip.measure.worlds.track_scenes import SCENES, Conditions, Sequence, sequence
 from chromagrip.measure.worlds.track_scores import (
     UNITS,
@@ -31,6 +31,7 @@ from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.drawing.coverage import edge_width
 from chromagrip.render.ground import ground_image
 from chromagrip.render.membrane import rest_membrane
+from chromagrip.render.outlines import centroids, outlines
 from chromagrip.tracking import Tracks
 
 SENSOR = load_sensor("thesis")
@@ -169,6 +170,38 @@ def test_a_jump_is_as_long_as_it_says_and_leaves_the_rim() -> None:
     rim = SENSOR.places[:, 0] > np.deg2rad(84.0)
     assert length[:, :, rim].max() < 0.1
     assert length.max() == pytest.approx(size, rel=0.02)
+
+
+def test_a_drift_takes_the_rim_along_in_all_directions_in_small_steps() -> None:
+    drift = SCENES["drift"]
+    path = motion(
+        SENSOR, None, 40, grasp=0.0, sway_px=0.0, shift_pitch=0.0, layer_shift_px=0.0,
+        drift_pitch=drift.drift_pitch,
+    )  # fmt: skip
+    rest = rest_membrane(SENSOR)
+    places = [centroids(outlines(one, SENSOR.view), square=False)[0] for one in [rest, *path]]
+    away = (np.stack(places) - places[0]) / pitch(SENSOR)
+    middle = np.linalg.norm(places[0] - np.median(places[0], axis=0), axis=1).argmin()
+    assert np.linalg.norm(away[:, middle], axis=1).max() == pytest.approx(3.0, rel=0.05)
+    assert np.nanmin(np.nanmax(np.linalg.norm(away, axis=2), axis=0)) > 0.5  # of all markers
+    steps = np.diff(away, axis=0)
+    assert np.nanmax(np.linalg.norm(steps, axis=2)) < 0.45
+    around = np.sort(np.arctan2(*steps[:, middle].T))
+    assert np.diff(around, append=around[0] + 2 * np.pi).max() < np.radians(30.0)
+    # A turn takes the far sides of the field in opposite directions.
+    left, right = places[0][:, 0].argmin(), places[0][:, 0].argmax()
+    assert abs(away[10, right] - away[10, left]).max() > 0.5
+
+
+def test_a_drift_is_followed_until_markers_go_over_the_rim() -> None:
+    seen = sequence(SCENES["drift"], 12, limits=False)
+    hidden = [int(shot.hidden.sum()) for shot in seen.shots]
+    assert hidden[0] == 0
+    assert hidden[-1] > 10
+    found = scores(follow("fit", seen), seen)
+    assert (found["swaps"], found["false"]) == (0.0, 0.0)
+    assert found["right"] > 99.5
+    assert scores(follow("constant", seen), seen)["right"] < 10.0
 
 
 def test_who_is_not_told_of_crosstalk_is_not_told() -> None:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from ...errors import UserError
 from ...render import Frame
 from ..detection import Edge, RestFrame, neighbours, read_rest
+from ..doubt import Doubt, doubted
+from ..fit.relocate import Relocator
 from ..palette import Palette
 from ..trackers import check_frame
 from ..tracks import Tracks
@@ -32,6 +34,7 @@ class FollowerSettings:
     doubtful_jump: motion between frames above which a marker is ambiguous
     apart: smallest distance between markers of one layer; closer ones are ambiguous
     fewest: smallest share of the rest frame's markers that the tracker must find there itself
+    few: number of markers that may be lost at the margin without a doubt that the field jumped
     neighbours: number of neighbours that a lost marker moves with
     reach: largest distance of a marker from its expected position
     """
@@ -39,6 +42,7 @@ class FollowerSettings:
     doubtful_jump: float = 0.375
     apart: float = 0.25
     fewest: float = 0.5
+    few: int = 3
     neighbours: int = 6
     reach: float = 0.5
 
@@ -60,10 +64,12 @@ class Shifts:
     shift: displacement of each marker since rest [px], shape (L, M, 2); a lost marker has that of
         its neighbours
     last_seen: time of the last frame in which each marker was found [s], shape (L, M)
+    doubt: markers whose number is not certain
     """
 
     shift: Array
     last_seen: Array
+    doubt: Doubt
 
 
 class Follower:
@@ -114,7 +120,9 @@ class Follower:
         self.state = Shifts(
             shift=np.zeros_like(at_rest.position),
             last_seen=np.full(at_rest.position.shape[:2], np.nan),
+            doubt=Doubt.of_rest(at_rest.position, np.isfinite(at_rest.position[..., 0])),
         )
+        self._relocator = Relocator(at_rest, self._palette)
         image = np.rint(at_rest.image).astype(np.uint8)
         self._shape = image.shape
         self._prepare(at_rest, image)
@@ -128,7 +136,8 @@ class Follower:
         # Shifts are relative to the positions that the tracker itself finds at rest.
         self._origin = np.where(tracks.visible[..., None], tracks.position, self._origin)
         self._edge = self._edge.at_rest(self._origin)
-        self.state = replace(self.state, shift=np.zeros_like(self._origin))
+        doubt = replace(self.state.doubt, mask=np.zeros_like(tracks.visible), lost=~tracks.visible)
+        self.state = replace(self.state, shift=np.zeros_like(self._origin), doubt=doubt)
         return tracks
 
     def update(self, frame: Frame) -> Tracks:
@@ -156,10 +165,15 @@ class Follower:
         jump = np.linalg.norm(moved - shift, axis=-1)
         apart = np.linalg.norm(position[:, :, None] - position[:, self._near], axis=-1)
         claimed = (apart < settings.apart * self._pitch).any(axis=-1)
+        far = visible & (jump > settings.doubtful_jump * self._pitch)
+        before, lost = self.state, ~visible | claimed
         self.state = Shifts(
             shift=_carry(np.where(visible[..., None], moved, shift), visible, self._near),
-            last_seen=np.where(visible, frame.time, self.state.last_seen),
+            last_seen=np.where(visible, frame.time, before.last_seen),
+            doubt=before.doubt,
         )
+        if not before.doubt.stands(lost, far, settings.few):
+            self.state = replace(self.state, doubt=self._doubted(before, lost, frame.image))
         unknown = np.full((layers, count), np.nan)
         size = unknown if measured.log_size is None else measured.log_size
         hue = unknown[0] if measured.hue is None else measured.hue
@@ -169,10 +183,17 @@ class Follower:
             log_size=np.where(visible, size, np.nan),
             hue=np.where(visible[0], hue, np.nan),
             visible=visible,
-            ambiguous=visible & ((jump > settings.doubtful_jump * self._pitch) | claimed),
+            ambiguous=far | (visible & (claimed | self.state.doubt.mask)),
             last_seen=self.state.last_seen.copy(),
             covariance=np.full((count, 3 * layers, 3 * layers), np.nan),
         )
+
+    def _doubted(self, before: Shifts, lost: NDArray[np.bool_], image: Image) -> Doubt:
+        """Judge which numbers are certain."""
+        rest, spots = self._origin, self._relocator.blobs(np.ascontiguousarray(image))[0]
+        places = (rest, rest + before.shift, rest + self.state.shift)
+        hidden = self._edge.hidden
+        return doubted(before.doubt, places, lost, self._pitch, self._near, spots, hidden)
 
 
 def nearest(points: Array, expected: Array, reach: float, mutual: bool) -> NDArray[np.intp]:

@@ -61,9 +61,21 @@ def better(first: Look, second: Look) -> Look:
 
 
 def astray(known: AtRest, memory: Memory, look: Look, few: int) -> bool:
-    """Whether a marker is torn off, or more than `few` were lost since the last frame."""
+    """Whether a marker is torn off, or more than `few` were lost since the last frame.
+
+    Those that went over the edge of the field do not count.
+    """
     newly = known.lost(look.visible) - known.lost(memory.visible)
-    return bool(look.torn.any()) or newly > few
+    if not (newly > few or look.torn.any()):
+        return False
+    gone = known.edge.hidden(memory.expected().fits[..., :2])
+    newly -= known.lost(look.visible | ~gone) - known.lost(memory.visible | ~gone)
+    return bool((look.torn & ~gone).any()) or newly > few
+
+
+def blind(known: AtRest, visible: Mask) -> bool:
+    """Whether fewer than half of the markers (M, 2) are visible."""
+    return 2 * int(visible.sum()) < int(known.state.present.sum())
 
 
 def untangled(known: AtRest, memory: Memory, image: Image, look: Look) -> Look:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..doubt import Doubt
 from .kernels.template_kernels import Pool
 from .pair_state import PairFits, PairState
 from .templates import copied
@@ -37,6 +38,7 @@ class Memory:
     intact: markers that were found and moved like their neighbours, shape (M, 2)
     last_seen: time of the last frame in which each marker was found [s], shape (L, M)
     typical: median misfit under the present light, at least 1
+    doubt: markers whose number is not certain
     waited: number of frames since colours and blur were fitted
     patience: number of frames to wait before they are fitted again
     frames: number of frames so far; it determines which lost pairs are tried
@@ -50,6 +52,7 @@ class Memory:
     last_seen: Array
     typical: float
     patience: int
+    doubt: Doubt
     waited: int = 0
     frames: int = 0
 

@@ -1,10 +1,11 @@
 """Detection of all markers without the previous frame; numbers are assigned from the rim inwards.
 
-The rim of a fingertip is fixed, and the skin inside it moves smoothly. So markers get their numbers
-from the outermost inwards: each is searched at the position that its numbered neighbours predict.
-This works for motions of more than half a pitch.
+The rim of a fingertip is fixed, or moves slowly, and the skin inside it moves smoothly. So markers
+get their numbers from the outermost inwards: each is searched at the position that its numbered
+neighbours predict. This works for motions of more than half a pitch.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import cv2
@@ -32,12 +33,14 @@ class Relocated:
     found: whether each marker was found, shape (L, M)
     ambiguous: whether it was found, but another blob or number fits nearly as well, shape (L, M)
     gains: light of each channel over that at rest, at each marker, shape (M, 3)
+    blobs: centres of each layer's blobs [px], L arrays (n, 2)
     """
 
     position: Array
     found: NDArray[np.bool_]
     ambiguous: NDArray[np.bool_]
     gains: Array
+    blobs: list[Array]
 
 
 class Relocator:
@@ -69,18 +72,42 @@ class Relocator:
         self._near = neighbours(middle, 3 * settings.around - 1)
         self._middle = middle
 
-    def __call__(self, image: Image) -> Relocated:
-        """Find the markers in an image of the rest frame's size."""
-        blobs, gains = self._blobs(image)
-        parts = [self._number(at, blobs[layer]) for layer, at in enumerate(self._rest.position)]
-        position, found, ambiguous = (np.stack(part) for part in zip(*parts, strict=True))
+    def __call__(self, image: Image, moved: Array | None = None) -> Relocated:
+        """Find the markers in an image of the rest frame's size.
+
+        Parameters
+        ----------
+        image: image
+        moved: displacement from which the numbering starts, that of the outermost markers as far as
+            known, as the whole field may have moved [px], shape (L, M, 2); None for none
+        """
+        blobs, gains = self.blobs(image)
+        rest = self._rest.position
+        start = np.zeros_like(rest) if moved is None else moved
+        position, found, ambiguous = self._numbered(start, blobs)
+        few = 0.5 * np.isfinite(rest[..., 0]).sum()
+        if found.sum() < few <= sum(map(len, blobs)):
+            # The field may lie between the places of its markers.
+            for x, y in itertools.product((-0.5, 0.0, 0.5), repeat=2):
+                other = self._numbered(start + self._rest.pitch * np.array([x, y]), blobs)
+                if other[1].sum() > found.sum():
+                    position, found, ambiguous = other
         x, y = (
             np.clip(np.rint(self._middle[:, k]).astype(int), 0, size - 1)
             for k, size in enumerate((image.shape[1], image.shape[0]))
         )
-        return Relocated(position, found, ambiguous, np.exp(gains[y, x].astype(float)))
+        return Relocated(position, found, ambiguous, np.exp(gains[y, x].astype(float)), blobs)
 
-    def _blobs(self, image: Image) -> tuple[list[Array], NDArray[np.float32]]:
+    def _numbered(
+        self, start: Array, blobs: list[Array]
+    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Positions of all markers (L, M, 2), whether found, whether ambiguous."""
+        rest = self._rest.position
+        parts = [self._number(*each) for each in zip(rest, start, blobs, strict=True)]
+        position, found, ambiguous = (np.stack(part) for part in zip(*parts, strict=True))
+        return position, found, ambiguous
+
+    def blobs(self, image: Image) -> tuple[list[Array], NDArray[np.float32]]:
         """Centres (n, 2) of each layer's blobs, and log of light over that at rest, (H, W, 3)."""
         settings = self._settings
         ratio = np.asarray(cv2.LUT(image, self._log_levels)) - self._log_ground
@@ -125,7 +152,7 @@ class Relocator:
         )
 
     def _number(
-        self, rest: Array, blobs: Array
+        self, rest: Array, start: Array, blobs: Array
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """Assign blobs to one layer's markers: positions, whether found, whether ambiguous."""
         settings = self._settings
@@ -141,7 +168,7 @@ class Relocator:
             for m in self._order.tolist():
                 if tree is None or not present[m] or np.isfinite(moved[m, 0]):
                     continue
-                predicted = rest[m] + self._expected(m, moved)
+                predicted = rest[m] + self._expected(m, moved, start)
                 distance, blob = tree.query(predicted, k=min(2, len(blobs)))
                 distance, blob = np.atleast_1d(distance), np.atleast_1d(blob)
                 if distance[0] > reach or owner[blob[0]] >= 0:
@@ -155,16 +182,16 @@ class Relocator:
                 )
         found = np.isfinite(moved[:, 0])
         for m in np.flatnonzero(~found):
-            moved[m] = self._expected(int(m), moved)
+            moved[m] = self._expected(int(m), moved, start)
         return rest + moved, found, ambiguous
 
-    def _expected(self, m: int, moved: Array) -> Array:
+    def _expected(self, m: int, moved: Array, start: Array) -> Array:
         """Predict the displacement of a marker [px] from its numbered neighbours."""
         settings = self._settings
         near = self._near[m]
         known = near[np.isfinite(moved[near, 0])][: settings.around]
         if len(known) == 0:
-            return np.zeros(2)
+            return np.asarray(start[m])
         offsets = self._middle[known] - self._middle[m]
         weight = 1.0 / (1.0 + (offsets**2).sum(axis=1) / self._rest.pitch**2)
         mean = weight @ moved[known] / weight.sum()

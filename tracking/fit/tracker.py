@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...render import Frame
+from ..doubt import Doubt, doubted
 from ..palette import Palette
 from ..trackers import check_frame
 from ..tracks import Tracks
 from .at_rest import AtRest, fit_rest, visible_markers
 from .compression import compression, deviations, fine_part
 from .kernels.survey_kernels import report, velocities
-from .looks import astray, better, judge, surveyed, untangled, worth
+from .looks import astray, better, blind, judge, surveyed, untangled, worth
 from .memory import Look, Memory
 from .pair_fit import level_variance
 from .pair_state import PairFits, PairState
@@ -88,6 +89,7 @@ class MarkerTracker:
             last_seen=np.where(visible.T, rest[-1].time, np.nan)[: known.layers],
             typical=known.typical,
             patience=self.settings.patience,
+            doubt=Doubt.of_rest(_places(known, known.state.fits), visible.T[: known.layers]),
         )
         look = surveyed(known, self._memory, fits)
         tracks = _tracks(known, self._memory, rest[-1], look, np.zeros_like(visible))
@@ -138,9 +140,12 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
     look = untangled(known, memory, image, look)
     ambiguous = look.torn
     few = max(settings.few, int(settings.few_share * len(look.visible)))
-    steady = not astray(known, memory, look, few)
+    steady, relocated = not astray(known, memory, look, few), None
+    if blind(known, look.visible):
+        steady = steady and memory.frames % settings.looks.turns > 0
     if not steady:
-        relocated = known.relocator(image)
+        moved = _places(known, memory.start.fits) - _places(known, known.state.fits)
+        relocated = known.relocator(image, moved)
         start = _start_at(known, memory, relocated)
         again = judge(known, memory, image, known.fit.fit(image, start, steps), start)
         if worth(again) >= worth(look):
@@ -148,13 +153,42 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
             unsure = np.zeros_like(look.visible)
             unsure[:, : known.layers] = relocated.ambiguous.T
             ambiguous = look.visible & (look.torn | unsure)
+        else:
+            steady = True
     memory, look, ambiguous = _tuned(known, memory, image, look, ambiguous, start)
-    memory = _remember(known, memory, look, steady)
+    before, memory = memory, _remember(known, memory, look, steady)
+    memory = _doubting(known, before, memory, image, look, relocated)
     # Markers that the edge cuts are fitted, so that their neighbours are followed, but not told.
     told = ~known.edge.hidden(look.fits.state.fits[..., :2])
     look, ambiguous = look._replace(visible=look.visible & told), ambiguous & told
     memory = _at_time(memory, frame, look.visible)
     return memory, _tracks(known, memory, frame, look, ambiguous)
+
+
+def _places(known: AtRest, fits: Array) -> Array:
+    """Places of fits (M, 2, 5) by layer, NaN where one has no marker, shape (L, M, 2) [px]."""
+    places = np.where(known.state.present[..., None], fits[..., :2], np.nan)
+    return np.swapaxes(places, 0, 1)[: known.layers]
+
+
+def _doubting(
+    known: AtRest,
+    before: Memory,
+    memory: Memory,
+    image: Image,
+    look: Look,
+    relocated: Relocated | None,
+) -> Memory:
+    """Judge whether the numbers are certain, if several were lost or found again, see `doubt`."""
+    lost = ~(look.visible & ~look.on_others).T[: known.layers]
+    if memory.doubt.stands(lost, look.torn, known.settings.few):
+        return memory
+    spots = known.relocator.blobs(image)[0] if relocated is None else relocated.blobs
+    fits = (known.state.fits, before.start.fits, memory.start.fits)
+    rest, last, now = (_places(known, each) for each in fits)
+    near, hidden = known.fit.near, known.edge.at_rest(rest).hidden
+    doubt = doubted(memory.doubt, (rest, last, now), lost, known.pitch, near, spots, hidden)
+    return replace(memory, doubt=doubt)
 
 
 def _start_at(known: AtRest, memory: Memory, relocated: Relocated) -> PairState:
@@ -220,7 +254,9 @@ def _remember(known: AtRest, memory: Memory, look: Look, steady: bool) -> Memory
     lost = np.asarray((~visible & known.state.present).any(axis=1)) & ~known.odd
     # A missing layer keeps its rest position.
     followed = visible | (known.state.present & known.odd[:, None])
-    fits = np.where(followed[..., None], state.fits, known.state.fits)
+    # After a frame that shows too little, the field is near its last place, not at rest.
+    other = memory.start.fits if blind(known, visible) else known.state.fits
+    fits = np.where(followed[..., None], state.fits, other)
     if lost.any():
         displacement = np.where(visible[..., None], state.fits - known.state.fits, np.nan)
         gains = np.where(np.asarray(visible.any(axis=1))[:, None], state.gains, np.nan)
@@ -228,6 +264,7 @@ def _remember(known: AtRest, memory: Memory, look: Look, steady: bool) -> Memory
             for k in np.flatnonzero(~visible[m]):
                 around = near[m][visible[near[m], k]]
                 if len(around):
+                    fits[m, k] = known.state.fits[m, k]
                     fits[m, k] += np.median(displacement[around, k], axis=0)
             if np.isnan(gains[m, 0]):
                 lit = near[m][visible[near[m]].any(axis=1)]
@@ -282,6 +319,7 @@ def _tracks(known: AtRest, memory: Memory, frame: Frame, look: Look, ambiguous: 
         fits, covariance, log_size,
     )  # fmt: skip
     ambiguous = ambiguous | look.on_others
+    ambiguous[:, :layers] |= visible[:, :layers] & memory.doubt.mask.T
     return Tracks(
         time=frame.time,
         position=np.swapaxes(fits[:, :layers, :2], 0, 1),

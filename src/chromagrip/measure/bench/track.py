@@ -61,8 +61,11 @@ TARGETS: dict[tuple[str, str], Bounds] = {
         for scene in ("gain-ramp", "shading-ramp", "shadow", "contrast")
         for score, bound in (("magenta_ratio", 2.0), ("yellow_ratio", 2.0), ("lost", 0.0))
     },
-    ("jump", "swaps"): Bounds(0.0, 0.0),
-    ("jump", "false"): Bounds(0.0, 0.0),
+    **{
+        (scene, score): Bounds(0.0, 0.0)
+        for scene in ("jump", "drift")
+        for score in ("swaps", "false")
+    },
     **{
         (scene, score): Bounds(0.0, bound)
         for scene in ("twist", "edge")

@@ -39,6 +39,8 @@ _GRASP = ((0.0, 0.0), (1.0, 0.0), (2.5, 0.3), (3.0, 0.8), (3.0, 0.0), (2.0, -0.4
 _NODES = 101
 #: Frames of one period of grasp and sway.
 ROUND = 40
+#: Largest turn about the apex of a field that drifts [rad].
+_DRIFT_TURN = math.radians(5.0)
 #: Press and motion after it of a contact on the dome [s].
 _PRESS, _MOVE = 0.4, 0.6
 #: Steps of the silicone in a second, at least.
@@ -56,6 +58,7 @@ def motion(
     sway_px: float,
     shift_pitch: float,
     layer_shift_px: float,
+    drift_pitch: float,
 ) -> Iterator[Membrane]:
     """Membranes of so many frames, with all markers at the given places or as designed.
 
@@ -73,6 +76,13 @@ def motion(
         place += sway_px * np.array([np.sin(around), 0.7 * np.sin(2 * around)])
         if place.any():
             membrane = _turned(membrane, np.outer(sensor.follow, place) / focal, fixed_rim=True)
+        if drift_pitch:
+            # On a circle through rest, whose directions are all, and to and fro about the apex.
+            aside = (
+                0.5 * drift_pitch * pitch(sensor) * np.array([1 - np.cos(around), np.sin(around)])
+            )
+            membrane = _turned(membrane, np.outer(sensor.follow, aside) / focal, fixed_rim=False)
+            membrane = _spun(membrane, np.array(sensor.follow) * _DRIFT_TURN * np.sin(around))
         if layer_shift_px:
             slide = np.array([layer_shift_px * min(1.0, 4.0 * (k + 1) / count), 0.0]) / focal
             membrane = _turned(membrane, np.outer([1.0, 0.0], slide), fixed_rim=False)
@@ -195,6 +205,15 @@ def _turned(membrane: Membrane, turns: Array, fixed_rim: bool) -> Membrane:
         for vectors in (centres[layer], axes[layer, ..., 0], axes[layer, ..., 1]):
             vectors[:] = _rotated(vectors, across, turn)
     return Membrane(centres=centres, axes=axes)
+
+
+def _spun(membrane: Membrane, angles: Array) -> Membrane:
+    """Each layer turned about the apex by an angle [rad]."""
+    matrix = np.array(
+        [[[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]] for a in angles]
+    )
+    centres = np.einsum("lij,lmj->lmi", matrix, membrane.centres)
+    return Membrane(centres=centres, axes=np.einsum("lij,lmjk->lmik", matrix, membrane.axes))
 
 
 def _rotated(vectors: Array, axis: Array, angle: Array) -> Array:

@@ -27,8 +27,10 @@ from ...render import (
     decoding_table,
     encode_srgb,
     ground_image,
+    inside_rim,
     load_sensor,
     outlines,
+    pixel_places,
     rest_membrane,
 )
 from ...render.drawing import Painter
@@ -72,6 +74,7 @@ class Conditions:
         one marker in ten, and a constant answer would be right about the others.
     shift_pitch: motion from each frame to the next around the apex, out and back [pitches]
     layer_shift_px: of the outer layer over the inner, reached within a quarter of the frames [px]
+    drift_pitch: farthest motion of the whole skin with its rim, which turns as well [pitches]
     noise: of the camera, which the tracker is given [grey levels]
     light: share of the light that is left in the last frame, evenly falling
     shading: the same at the right edge, with full light at the left
@@ -93,6 +96,7 @@ class Conditions:
     sway_px: float = 6.0
     shift_pitch: float = 0.0
     layer_shift_px: float = 0.0
+    drift_pitch: float = 0.0
     noise: float = 2.0
     light: float = 1.0
     shading: float = 1.0
@@ -144,6 +148,10 @@ SCENES = {
     "jump": Conditions(
         text="1.2 pitches from frame to frame, 5 % of each layer's markers vanished",
         grasp=0.0, sway_px=0.0, shift_pitch=1.2, vanishing=0.05,
+    ),
+    "drift": Conditions(
+        text="the whole skin drifts to three pitches from rest, in all directions, and turns",
+        grasp=0.0, sway_px=0.0, drift_pitch=3.0,
     ),
     "twist": Conditions(text="a ball pressed on the dome and turned by 40°", contact="twist"),
     "edge": Conditions(text="an edge pressed on the dome and dragged askew", contact="edge"),
@@ -230,6 +238,8 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
         _cover(clean, patch)
         centre = _centres(sensor, moved)
         covered, partly = _behind(centre, _radius(sensor), patch)
+        if c.drift_pitch:
+            covered, partly = _beyond_rim(sensor, centre)
         limit = _limits(c, k, sensor, membrane, light) if limits else np.full_like(centre, np.nan)
         image = imaging.measured(clean, k)
         hue = _hues(image, outlines(membrane, sensor.view)[0])
@@ -272,6 +282,7 @@ def _path(
         sway_px=c.sway_px,
         shift_pitch=c.shift_pitch,
         layer_shift_px=c.layer_shift_px,
+        drift_pitch=c.drift_pitch,
     )
 
 
@@ -401,6 +412,22 @@ def _behind(centre: Array, radius: Array, patch: Array | None) -> tuple[NDArray[
     away = abs(centre - patch).max(axis=-1) - _PATCH
     reach = radius[:, None] + _MARGIN
     return away < -reach, abs(away) <= reach
+
+
+def _beyond_rim(sensor: SensorDesign, centre: Array) -> tuple[NDArray[np.bool_], ...]:
+    """Whether the rim or the picture's edge hides markers completely, and partly, (2, M) each."""
+    inside, (height, width) = _inside(sensor), (sensor.view.height, sensor.view.width)
+    x, y = np.moveaxis(np.rint(centre).astype(int), -1, 0)
+    rim = inside[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
+    edge = (np.array([width, height]) / 2 - abs(centre - [width / 2, height / 2])).min(axis=-1)
+    away, reach = np.minimum(rim, edge), _radius(sensor)[:, None] + _MARGIN
+    return away < -reach, abs(away) <= reach
+
+
+@lru_cache(maxsize=4)
+def _inside(sensor: SensorDesign) -> Array:
+    """Distance from the rim in the picture, positive inside [px], shape (H, W)."""
+    return inside_rim(sensor, pixel_places(sensor))
 
 
 def _hues(image: Image, coefficients: Array) -> Array:
