@@ -51,7 +51,7 @@ def test_the_cheapest_that_keeps_the_tolerance_is_chosen_for_the_object_at_hand(
     assert choice.milliseconds == 10.0
     assert choice.error == pytest.approx(1.25 * 0.02)
     assert len(choice.lines) == 2
-    assert choice.lines[0].startswith("fit, sequential")
+    assert choice.lines[0].startswith("fit, way")
     assert "not quick" in choice.lines[1]
     assert load_scene("margin-60hz", choice.fidelity.changes).tracker == "fit"
 

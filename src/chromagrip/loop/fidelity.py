@@ -31,7 +31,7 @@ class Fidelity:
     """
 
     tracker: str = "fit"
-    reconstructor: str = "sequential"
+    reconstructor: str = "way"
     step_ms: float = 1.0
     nodes: int = 251
     body: Body = "chain"

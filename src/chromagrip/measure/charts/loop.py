@@ -22,9 +22,11 @@ SCENE = "margin-60hz"
 CAMERA = (
     Fidelity(),
     Fidelity(step_ms=5.0),
-    Fidelity(step_ms=5.0, nodes=101),
-    Fidelity(tracker="quick", step_ms=5.0),
-    Fidelity(tracker="quick", step_ms=5.0, nodes=101),
+    Fidelity(reconstructor="sequential"),
+    Fidelity(reconstructor="sequential", step_ms=5.0),
+    Fidelity(reconstructor="sequential", step_ms=5.0, nodes=101),
+    Fidelity(tracker="quick", reconstructor="sequential", step_ms=5.0),
+    Fidelity(tracker="quick", reconstructor="sequential", step_ms=5.0, nodes=101),
 )
 #: Fidelities of the truth path, from the default to the cheapest.
 TRUTH = tuple(
@@ -68,7 +70,10 @@ def settings(quick: bool) -> dict[str, dict[str, object]]:
         if fidelity.step_ms > 1.0:
             chain = f"{fidelity.nodes} nodes, {fidelity.step_ms:g} ms"
             path: dict[str, object] = {} if fidelity.tracker else {"path": "truth"}
-            changes[f"{fidelity.tracker or _TRUTH}, {chain}"] = path | fidelity.changes
+            methods = (
+                f"{fidelity.tracker}, {fidelity.reconstructor}" if fidelity.tracker else _TRUTH
+            )
+            changes[f"{methods}, {chain}"] = path | fidelity.changes
     return changes
 
 
