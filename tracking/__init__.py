@@ -8,7 +8,6 @@ Both get only the pixels, the rest frames and the calibration.
 """
 
 from .detection import (
-    Markers,
     RestFrame,
     detect_markers,
     join_layers,
@@ -47,6 +46,7 @@ from .forces.chain import (
     LearnedSettings,
 )
 from .learned_palette import PaletteSettings, learn_palette
+from .measured_spots import Markers
 from .palette import AUTO_PALETTE, DEFAULT_PALETTE, Palette, load_palette, palette_names
 from .sighting import Sighting, SightSettings, sight
 from .trackers import DEFAULT_TRACKER, TRACKERS, Tracker, load_tracker, tracker_names

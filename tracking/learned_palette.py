@@ -13,11 +13,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..render import decode_srgb
 from .palette import Palette, load_palette
 from .sighting import Sighting
 from .spots import find_spots
-from .unmixing import AROUND, COLOURED, DARKEST, dye_densities, rough_ground, unmixing_matrix
+from .unmixing import (
+    AROUND,
+    COLOURED,
+    DARKEST,
+    dye_densities,
+    linear_light,
+    rough_ground,
+    unmixing_matrix,
+)
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -75,7 +82,7 @@ def learn_palette(
     image: sRGB picture, shape (H, W, 3)
     seen: positions of its markers
     """
-    linear = decode_srgb(image.astype(float)).astype(np.float32)
+    linear = linear_light(image)
     smooth = np.maximum(np.asarray(cv2.medianBlur(linear, 3)), np.float32(DARKEST))
     ground, lit = rough_ground(smooth, int(AROUND * seen.pitch), seen.field, seen.bright)
     marked = seen.spots & lit & _even(smooth, ground, settings.edge)

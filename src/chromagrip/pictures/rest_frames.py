@@ -142,7 +142,7 @@ def _most_exact(
             continue
         try:
             image = fitted(frame.image)
-            palette = find(image, frame.image.shape[:2])
+            palette = find(image, frame.image.shape[:2], None)
             if len(palette.names) < 2:
                 alone = palette.names[0]
                 continue
