@@ -13,7 +13,7 @@ from ..errors import UserError
 from ..render import Frame, SensorDesign, inside_rim, pixel_places
 from .measured_spots import Levels, Markers, measured, measured_in_strips, over_ground
 from .palette import Palette
-from .spots import find_spots, typical_area
+from .spots import SpotSettings, find_spots, typical_area
 from .unmixing import (
     AROUND,
     COLOURED,
@@ -94,8 +94,24 @@ def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) ->
         # A channel may have no light at all.
         ground *= np.median(linear[plain] / np.maximum(ground[plain], 1e-4), axis=0)
     densities = dye_densities(linear, ground, matrix)
-    spots = [find_spots(density, field, parted=True) for density in densities]
+    spots = [
+        find_spots(density, field, True, sizes=sizes)
+        for density, sizes in zip(densities, _sizes(rest), strict=True)
+    ]
     return measured(spots, image, over_ground(linear, ground, field), palette)
+
+
+def _sizes(rest: RestFrame) -> list[tuple[float, float]]:
+    """Areas of the smallest and the largest kind of markers of each layer at rest [px²]."""
+    (a, b), (c, d) = np.moveaxis(rest.shapes, (-2, -1), (0, 1))
+    areas = np.pi * (a * d - b * c)  # NaN where a layer has no marker
+    typical = np.pi * rest.radius**2
+    few = 0.03  # share of the markers that are no kind of their own
+    low, high = np.nanquantile(areas, [few / 2.0, 1.0 - few / 2.0], axis=1)
+    kept = SpotSettings
+    # One kind of markers has the typical size, as it is seen from everywhere.
+    low = np.where(low < kept.smallest * typical, low, typical)
+    return list(zip(low, np.where(high > kept.largest * typical, high, typical), strict=True))
 
 
 @dataclass(frozen=True)
@@ -306,7 +322,7 @@ def _detect(
         if plain.sum() > 0.02 * field.sum():
             ground = estimate_ground(linear, plain, scale)
             densities = dye_densities(linear, ground, matrix)
-    spots = [find_spots(density, field, parted=True) for density in densities]
+    spots = [find_spots(density, field, True, palette.spots) for density in densities]
     if not any(len(layer.area) for layer in spots):
         raise UserError(
             f"no markers found: nothing in the image has the colours of the palette's "

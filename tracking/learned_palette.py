@@ -211,7 +211,8 @@ def _rays(lost: Array, share: Array, first: float, last: float, near: float) -> 
 def _score(palette: Palette, linear: Single, ground: Single, field: Mask) -> float:
     """Score of a palette: number of markers found, weighted towards the layer with fewer."""
     densities = dye_densities(linear, ground, unmixing_matrix(palette.transmittance))
-    counts = sorted(len(find_spots(density, field, parted=True).area) for density in densities)
+    found = (find_spots(density, field, True, palette.spots) for density in densities)
+    counts = sorted(len(spots.area) for spots in found)
     # With equal numbers prefer the paler palette: two dyes together absorb more than one.
     return counts[0] + 0.5 * counts[1] + 0.01 * float(palette.transmittance.mean())
 

@@ -78,6 +78,11 @@ class Palette:
         return cls(names=LAYERS, transmittance=sensor.transmittance, sensor=sensor)
 
     @property
+    def spots(self) -> NDArray[np.bool_] | None:
+        """Mask of the pixels of markers of any size, where they were located."""
+        return None if self.seen is None else self.seen.spots
+
+    @property
     def bright(self) -> bool:
         """Whether markers are brighter than the ground."""
         log = np.log(self.transmittance[0])

@@ -40,6 +40,7 @@ class SightSettings:
     same_area: factor between the areas of such regions
     faintest: smallest contrast of a spot [grey levels]
     as_large, as_strong: largest ratios of the areas and of the contrasts of neighbours
+    kinds_large: largest ratio of areas where markers are of several kinds
     furthest: largest distance of neighbours [radii of the larger]
     neighbours: number of neighbours that are compared
     fewest: smallest number of markers of a pattern
@@ -70,6 +71,7 @@ class SightSettings:
     faintest: float = 8.0
     as_large: float = 4.5
     as_strong: float = 2.5
+    kinds_large: float = 25.0
     furthest: float = 8.0
     neighbours: int = 8
     fewest: int = 11
@@ -206,14 +208,33 @@ def _patterns(image: Image, channel: int, settings: SightSettings) -> list[Spots
     position, area = _regions(light, settings)
     contrast, rough = _contrasts(light, position, area)
     found = []
-    for bright in (False, True):
+    for bright, large in itertools.product((False, True), (settings.as_large, settings.kinds_large)):
         some = contrast > settings.faintest if bright else contrast < -settings.faintest
-        some[some] = _alike(position[some], area[some], abs(contrast[some]), settings)
+        some[some] = _alike(position[some], area[some], abs(contrast[some]), large, settings)
+        if large > settings.as_large and some.any():
+            kind, size = _kinds(area[some]), area[some]
+            common = size[kind >= 0] if kind.max() > 0 else np.zeros(1)
+            some[some] = (size >= common.min()) & (size <= common.max())
         if some.sum() < settings.fewest:
             continue
         clear = float(np.median(abs(contrast[some]) / rough[some]))
         found.append(Spots(channel, bright, position[some], area[some], clear, 0.0))
     return [spots._replace(pitch=_pitch(spots.position)) for spots in found]
+
+
+def _kinds(areas: Array, gap: float = 1.4, few: float = 0.05) -> NDArray[np.intp]:
+    """Kind 0, 1, … of the size of each of n spots, (n,); −1 for a size that hardly any other has.
+
+    Parameters
+    ----------
+    gap: factor between areas between which there is no third, where a kind ends
+    few: smallest share of the spots that are a kind, at least three
+    """
+    order = np.argsort(areas, kind="stable")
+    kind = np.zeros(len(areas), dtype=np.intp)
+    kind[order[1:]] = np.cumsum(np.diff(np.log(areas[order])) > np.log(gap))
+    common = np.bincount(kind, minlength=1) >= max(3.0, few * len(areas))
+    return np.where(common, np.cumsum(common) - 1, -1)[kind]
 
 
 def _pitch(position: Array) -> float:
@@ -234,7 +255,9 @@ def _is_pattern(spots: Spots, settings: SightSettings) -> bool:
     # Markers cover a surface; letters stand in a row.
     narrow = np.sqrt(np.linalg.eigvalsh(np.cov(spots.position.T))[0])
     even = apart.std() < settings.uneven * apart.mean()
-    even = even and np.log(spots.area).std() < settings.unlike
+    kind, size = _kinds(spots.area), np.log(spots.area)
+    means = [size[kind == k].mean() for k in range(kind.max() + 1)]
+    even = even and (size - np.append(means, size.mean())[kind]).std() < settings.unlike
     return bool(even and narrow > settings.row * spots.pitch)
 
 
@@ -342,7 +365,9 @@ def _moments(level: NDArray[np.int16], some: Mask) -> tuple[Array, Array]:
     return mean, (value**2).sum(axis=1) / count - mean**2
 
 
-def _alike(position: Array, area: Array, contrast: Array, settings: SightSettings) -> Mask:
+def _alike(
+    position: Array, area: Array, contrast: Array, as_large: float, settings: SightSettings
+) -> Mask:
     """Mask (n,) of the largest group of spots that are linked by similarity to neighbours."""
     count = len(area)
     if count < settings.fewest:
@@ -353,7 +378,7 @@ def _alike(position: Array, area: Array, contrast: Array, settings: SightSetting
     )
     radius = np.sqrt(area / np.pi)
     near = apart < settings.furthest * np.maximum(radius[:, None], radius[other])
-    for value, factor in ((area, settings.as_large), (contrast, settings.as_strong)):
+    for value, factor in ((area, as_large), (contrast, settings.as_strong)):
         near &= abs(np.log(value[:, None] / value[other])) < np.log(factor)
     one = np.broadcast_to(np.arange(count)[:, None], other.shape)
     links = scipy.sparse.csr_matrix(
