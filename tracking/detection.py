@@ -55,6 +55,33 @@ class RestFrame:
     pitch: float
     doubt: str = ""
 
+    @functools.cached_property
+    def radii(self) -> Array:
+        """Radius of each marker [px], shape (L, M): its own if there are several kinds, or typical.
+
+        One kind has the typical size, though it does not look like that from everywhere.
+        """
+        (a, b), (c, d) = np.moveaxis(self.shapes, (-2, -1), (0, 1))
+        own = np.sqrt(a * d - b * c)
+        radii = np.repeat(self.radius[:, None], own.shape[1], axis=1)
+        few, limits = 0.03, SpotSettings()  # share of the markers that are no kind of their own
+        for radius, each in zip(radii, own, strict=True):
+            known = np.isfinite(each)
+            typical = typical_area(each[known] ** 2)
+            low, high = np.quantile(each[known] ** 2, [few / 2.0, 1.0 - few / 2.0])
+            if low < limits.smallest * typical or high > limits.largest * typical:
+                radius[known] = each[known]
+        return radii
+
+    @property
+    def sizes(self) -> list[tuple[float, float] | None]:
+        """Areas of the smallest and the largest markers of each layer with several kinds [px²]."""
+        ends = np.stack([self.radii.min(axis=1), self.radii.max(axis=1)], axis=-1)
+        return [
+            (float(np.pi * low**2), float(np.pi * high**2)) if low < high else None
+            for low, high in ends
+        ]
+
 
 def detect_markers(
     image: Levels, palette: Palette, fine: NDArray[np.uint8] | None = None
@@ -96,22 +123,9 @@ def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) ->
     densities = dye_densities(linear, ground, matrix)
     spots = [
         find_spots(density, field, True, sizes=sizes)
-        for density, sizes in zip(densities, _sizes(rest), strict=True)
+        for density, sizes in zip(densities, rest.sizes, strict=True)
     ]
     return measured(spots, image, over_ground(linear, ground, field), palette)
-
-
-def _sizes(rest: RestFrame) -> list[tuple[float, float]]:
-    """Areas of the smallest and the largest kind of markers of each layer at rest [px²]."""
-    (a, b), (c, d) = np.moveaxis(rest.shapes, (-2, -1), (0, 1))
-    areas = np.pi * (a * d - b * c)  # NaN where a layer has no marker
-    typical = np.pi * rest.radius**2
-    few = 0.03  # share of the markers that are no kind of their own
-    low, high = np.nanquantile(areas, [few / 2.0, 1.0 - few / 2.0], axis=1)
-    kept = SpotSettings
-    # One kind of markers has the typical size, as it is seen from everywhere.
-    low = np.where(low < kept.smallest * typical, low, typical)
-    return list(zip(low, np.where(high > kept.largest * typical, high, typical), strict=True))
 
 
 @dataclass(frozen=True)
@@ -140,7 +154,7 @@ class Edge:
         blur = 2.0  # of an ordinary lens [px]
         # The edge of the picture ends a field as well.
         away: Any = cv2.distanceTransform(np.pad(field, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        whole = np.asarray(away[1:-1, 1:-1] > float(rest.radius.max()) + blur)
+        whole = np.asarray(away[1:-1, 1:-1] > float(rest.radii.max()) + blur)
         return replace(edge, whole=whole).at_rest(position)
 
     def at_rest(self, position: Array) -> "Edge":
@@ -194,7 +208,10 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
         if not all(0.5 * expected <= len(layer.area) <= 1.2 * expected for layer in layers):
             raise UserError(f"rest frame shows {counts} markers; the sensor has {expected} of each")
     if not all(len(layer.area) for layer in layers):
-        raise UserError(f"rest frame shows {counts} markers; wanted: some of each")
+        raise UserError(
+            f"rest frame shows {counts} markers; wanted: some of each. One layer of dots needs its "
+            "own palette, such as --palette dark-dots"
+        )
     typical = np.array([np.median(layer.area) for layer in layers])
     for name, area in zip(palette.names, typical, strict=True):
         if not area > 0.0:  # the light is not that of the dyes

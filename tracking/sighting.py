@@ -40,7 +40,7 @@ class SightSettings:
     same_area: factor between the areas of such regions
     faintest: smallest contrast of a spot [grey levels]
     as_large, as_strong: largest ratios of the areas and of the contrasts of neighbours
-    kinds_large: largest ratio of areas where markers are of several kinds
+    kinds_large, kinds_furthest: the same ratio and distance where markers are of several kinds
     furthest: largest distance of neighbours [radii of the larger]
     neighbours: number of neighbours that are compared
     fewest: smallest number of markers of a pattern
@@ -72,6 +72,7 @@ class SightSettings:
     as_large: float = 4.5
     as_strong: float = 2.5
     kinds_large: float = 25.0
+    kinds_furthest: float = 10.0
     furthest: float = 8.0
     neighbours: int = 8
     fewest: int = 11
@@ -208,10 +209,10 @@ def _patterns(image: Image, channel: int, settings: SightSettings) -> list[Spots
     position, area = _regions(light, settings)
     contrast, rough = _contrasts(light, position, area)
     found = []
-    for bright, large in itertools.product((False, True), (settings.as_large, settings.kinds_large)):
+    for bright, kinds in itertools.product((False, True), (False, True)):
         some = contrast > settings.faintest if bright else contrast < -settings.faintest
-        some[some] = _alike(position[some], area[some], abs(contrast[some]), large, settings)
-        if large > settings.as_large and some.any():
+        some[some] = _alike(position[some], area[some], abs(contrast[some]), kinds, settings)
+        if kinds and some.any():
             kind, size = _kinds(area[some]), area[some]
             common = size[kind >= 0] if kind.max() > 0 else np.zeros(1)
             some[some] = (size >= common.min()) & (size <= common.max())
@@ -366,7 +367,7 @@ def _moments(level: NDArray[np.int16], some: Mask) -> tuple[Array, Array]:
 
 
 def _alike(
-    position: Array, area: Array, contrast: Array, as_large: float, settings: SightSettings
+    position: Array, area: Array, contrast: Array, kinds: bool, settings: SightSettings
 ) -> Mask:
     """Mask (n,) of the largest group of spots that are linked by similarity to neighbours."""
     count = len(area)
@@ -377,7 +378,9 @@ def _alike(
         np.asarray(v)[:, 1:] for v in scipy.spatial.KDTree(position).query(position, k=near_count)
     )
     radius = np.sqrt(area / np.pi)
-    near = apart < settings.furthest * np.maximum(radius[:, None], radius[other])
+    as_large = settings.kinds_large if kinds else settings.as_large
+    furthest = settings.kinds_furthest if kinds else settings.furthest
+    near = apart < furthest * np.maximum(radius[:, None], radius[other])
     for value, factor in ((area, as_large), (contrast, settings.as_strong)):
         near &= abs(np.log(value[:, None] / value[other])) < np.log(factor)
     one = np.broadcast_to(np.arange(count)[:, None], other.shape)

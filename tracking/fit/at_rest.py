@@ -88,7 +88,7 @@ def fit_rest(
     stray = _stray(first, settings)
     if stray.any() and not stray.all():
         # Their light would bias that of neighbouring pairs.
-        rest = replace(rest, position=rest.position[:, ~stray])
+        rest = replace(rest, position=rest.position[:, ~stray], shapes=rest.shapes[:, ~stray])
         fit, first = _first_fit(rest, mean, frames[0].image, palette, noise, settings)
     uneven = is_uneven(fit, first, rest, settings.skin)
     if uneven:
