@@ -1,10 +1,14 @@
 """One layer of dots: with the coloured shade of several lamps beside them, or of several sizes."""
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
 from chromagrip.errors import UserError
+from chromagrip.pictures.track import track_source
 from chromagrip.render import Frame
 from chromagrip.tracking import (
     detect_markers,
@@ -123,3 +127,26 @@ def test_dots_of_all_sizes_are_followed(number: int, tracker: str) -> None:
     away = np.linalg.norm(tracks.position[0] - places[nearest] - shift, axis=-1)
     assert tracks.visible.sum() > 0.98 * len(places)
     assert np.nanmax(away) < 0.4
+
+
+def test_a_dot_that_is_not_followed_has_a_reason(tmp_path: Path) -> None:
+    """Torn dots are unlike the others."""
+    places = spread(*LARGE, 32.0)
+    radii = np.full(len(places), 9.0)
+    torn = places[[30, 41]]
+    image = dotted(LARGE, places, radii)
+    hole = covered(LARGE, torn + np.array([4.0, 0.0]), np.full(2, 6.0))[..., None]
+    image = np.rint(image * (1.0 - hole) + hole * 190.0).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "rest.png"), image[..., ::-1])
+    cv2.imwrite(str(tmp_path / "next.png"), image[..., ::-1])
+    summary = track_source(
+        str(tmp_path / "rest.png"), str(tmp_path / "next.png"), tracker="fit"
+    ).summary
+    lost = summary["not_followed"]
+    followed = summary["layers"]["dark"]["markers"]
+    assert len(lost) > 0
+    assert len(lost) + followed <= len(places)
+    for marker in lost:
+        place = np.array([marker["x_px"], marker["y_px"]])
+        assert np.linalg.norm(torn - place, axis=1).min() < 5.0
+        assert "unlike the others" in marker["reason"]
