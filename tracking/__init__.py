@@ -8,6 +8,7 @@ Both get only the pixels, the rest frames and the calibration.
 """
 
 from .detection import (
+    Edge,
     RestFrame,
     detect_markers,
     join_layers,
@@ -68,6 +69,7 @@ __all__ = [
     "Z90",
     "ContactSettings",
     "DisplacementGains",
+    "Edge",
     "FitSettings",
     "FrictionEstimate",
     "FrictionRule",

@@ -247,7 +247,7 @@ def _own_offset(palette: Palette) -> float:
     sensor = palette.sensor
     if sensor is None or not sensor.defects.gore_misalignment_mm:
         return 0.0
-    scale = sensor.view.jacobian(sensor.shape.points(np.zeros(2), sensor.depths[1]))
+    scale = sensor.view.jacobian(sensor.shape.points(np.zeros(2), sensor.depths[-1]))
     return 1e-3 * sensor.defects.gore_misalignment_mm * float(np.linalg.norm(scale[0]))
 
 

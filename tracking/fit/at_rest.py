@@ -192,7 +192,7 @@ def _at_rest(
         pitch=rest.pitch,
         shape=rest.image.shape,
         layers=len(palette.names),
-        share=None if sensor is None else sensor.follow[-1] / sensor.follow[0],
+        share=sensor.follow[1] / sensor.follow[0] if sensor and sensor.yellow else None,
         flat=flat,
         edge=Edge.of_rest(rest, palette, found.state.fits[..., :2]),
         skin=skin,

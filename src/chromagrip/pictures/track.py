@@ -16,8 +16,7 @@ from ..output.versions import versions
 from ..render import Frame
 from ..sources import FrameSource
 from ..stored_pictures import MEGAPIXELS
-from ..tracking import AUTO_PALETTE, Tracks
-from ..tracking.detection import Edge
+from ..tracking import AUTO_PALETTE, Edge, Tracks
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 from .following import Add, Came, Course, Outcome, Progress, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
