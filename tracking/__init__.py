@@ -8,7 +8,7 @@ Both get only the pixels, the rest frames and the calibration.
 """
 
 from .detection import (
-    Markers,
+    Edge,
     RestFrame,
     detect_markers,
     join_layers,
@@ -47,6 +47,7 @@ from .forces.chain import (
     LearnedSettings,
 )
 from .learned_palette import PaletteSettings, learn_palette
+from .measured_spots import Markers
 from .palette import AUTO_PALETTE, DEFAULT_PALETTE, Palette, load_palette, palette_names
 from .sighting import Sighting, SightSettings, sight
 from .trackers import DEFAULT_TRACKER, TRACKERS, Tracker, load_tracker, tracker_names
@@ -68,6 +69,7 @@ __all__ = [
     "Z90",
     "ContactSettings",
     "DisplacementGains",
+    "Edge",
     "FitSettings",
     "FrictionEstimate",
     "FrictionRule",

@@ -10,16 +10,17 @@ import scipy
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..render import Frame, SensorDesign, decode_srgb, inside_rim, pixel_places
+from ..render import Frame, SensorDesign, inside_rim, pixel_places
+from .measured_spots import Levels, Markers, measured, measured_in_strips, over_ground
 from .palette import Palette
-from .spots import Spots, find_spots, surroundings, typical_area, weigh
+from .spots import SpotSettings, find_spots, typical_area
 from .unmixing import (
     AROUND,
     COLOURED,
     DARKEST,
-    dye_coverages,
     dye_densities,
     estimate_ground,
+    linear_light,
     plain_pixels,
     rough_ground,
     unmixing_matrix,
@@ -27,26 +28,6 @@ from .unmixing import (
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-#: sRGB levels: of one picture, or the mean of many.
-Levels = NDArray[np.uint8] | Array
-
-
-@dataclass(frozen=True, kw_only=True)
-class Markers:
-    """n markers of one layer in one picture.
-
-    Attributes
-    ----------
-    position: centroids of the covered areas [px], shape (n, 2)
-    area: covered areas [px²], shape (n,)
-    shape: matrices that map the unit circle to each marker's ellipse [px], shape (n, 2, 2)
-    hue: hues of the mean colours inside [°], −180…180; NaN for grey, shape (n,)
-    """
-
-    position: Array
-    area: Array
-    shape: Array
-    hue: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,21 +55,52 @@ class RestFrame:
     pitch: float
     doubt: str = ""
 
+    @functools.cached_property
+    def radii(self) -> Array:
+        """Radius of each marker [px], shape (L, M): its own if there are several kinds, or typical.
 
-def detect_markers(image: Levels, palette: Palette) -> list[Markers]:
+        One kind has the typical size, though it does not look like that from everywhere.
+        """
+        (a, b), (c, d) = np.moveaxis(self.shapes, (-2, -1), (0, 1))
+        own = np.sqrt(a * d - b * c)
+        radii = np.repeat(self.radius[:, None], own.shape[1], axis=1)
+        few, limits = 0.03, SpotSettings()  # share of the markers that are no kind of their own
+        for radius, each in zip(radii, own, strict=True):
+            known = np.isfinite(each)
+            typical = typical_area(each[known] ** 2)
+            low, high = np.quantile(each[known] ** 2, [few / 2.0, 1.0 - few / 2.0])
+            if low < limits.smallest * typical or high > limits.largest * typical:
+                radius[known] = each[known]
+        return radii
+
+    @property
+    def sizes(self) -> list[tuple[float, float] | None]:
+        """Areas of the smallest and the largest markers of each layer with several kinds [px²]."""
+        ends = np.stack([self.radii.min(axis=1), self.radii.max(axis=1)], axis=-1)
+        return [
+            (float(np.pi * low**2), float(np.pi * high**2)) if low < high else None
+            for low, high in ends
+        ]
+
+
+def detect_markers(
+    image: Levels, palette: Palette, fine: NDArray[np.uint8] | None = None
+) -> list[Markers]:
     """Detect the markers of each of the palette's layers in one picture.
 
     Parameters
     ----------
     image: sRGB levels 0…255, shape (H, W, 3)
     palette: colours of the markers
+    fine: the same picture before it was reduced by a whole factor k, in which the markers are
+        measured then, shape (kH, kW, 3)
 
     Raises
     ------
     UserError
         When the picture is grey and the palette is not, or it shows no markers.
     """
-    return _detect(image, palette)[0]
+    return _detect(image, palette, fine)[0]
 
 
 def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) -> list[Markers]:
@@ -97,8 +109,7 @@ def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) ->
     That ground is smoother than a new estimate: sizes are twice as precise. It is scaled to the
     frame's light by a factor for each channel. A layer may have no markers.
     """
-    levels = image.astype(float)
-    linear = decode_srgb(levels).astype(np.float32)
+    linear = linear_light(image)
     field = rest.ground[..., 0] > 0.0
     ground = np.where(field[..., None], rest.ground, 1.0).astype(np.float32)
     ground_share = 0.3  # share of the pixels that is certainly plain ground
@@ -110,9 +121,11 @@ def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) ->
         # A channel may have no light at all.
         ground *= np.median(linear[plain] / np.maximum(ground[plain], 1e-4), axis=0)
     densities = dye_densities(linear, ground, matrix)
-    spots = [find_spots(density, field, parted=True) for density in densities]
-    ratio = np.where(field[..., None], linear / np.maximum(ground, 1e-4), np.float32(1.0))
-    return _markers(spots, levels, ratio, palette)
+    spots = [
+        find_spots(density, field, True, sizes=sizes)
+        for density, sizes in zip(densities, rest.sizes, strict=True)
+    ]
+    return measured(spots, image, over_ground(linear, ground, field), palette)
 
 
 @dataclass(frozen=True)
@@ -141,8 +154,13 @@ class Edge:
         blur = 2.0  # of an ordinary lens [px]
         # The edge of the picture ends a field as well.
         away: Any = cv2.distanceTransform(np.pad(field, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        least = float(rest.radius.max()) + blur if palette.sensor is None else 0.0
+        least = float(rest.radii.max()) + blur if palette.sensor is None else 0.0
         return cls(inside=away[1:-1, 1:-1] - least, rest=position, room=position).at_rest(position)
+
+    @property
+    def cut(self) -> NDArray[np.bool_]:
+        """Mask (...) of the markers that are cut at rest."""
+        return np.isinf(self.room)
 
     def at_rest(self, position: Array) -> "Edge":
         """The same edge with other positions (..., 2) of the markers at rest [px]."""
@@ -195,7 +213,10 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
         if not all(0.5 * expected <= len(layer.area) <= 1.2 * expected for layer in layers):
             raise UserError(f"rest frame shows {counts} markers; the sensor has {expected} of each")
     if not all(len(layer.area) for layer in layers):
-        raise UserError(f"rest frame shows {counts} markers; wanted: some of each")
+        raise UserError(
+            f"rest frame shows {counts} markers; wanted: some of each. One layer of dots needs its "
+            "own palette, such as --palette dark-dots"
+        )
     typical = np.array([np.median(layer.area) for layer in layers])
     for name, area in zip(palette.names, typical, strict=True):
         if not area > 0.0:  # the light is not that of the dyes
@@ -231,7 +252,7 @@ def _own_offset(palette: Palette) -> float:
     sensor = palette.sensor
     if sensor is None or not sensor.defects.gore_misalignment_mm:
         return 0.0
-    scale = sensor.view.jacobian(sensor.shape.points(np.zeros(2), sensor.depths[1]))
+    scale = sensor.view.jacobian(sensor.shape.points(np.zeros(2), sensor.depths[-1]))
     return 1e-3 * sensor.defects.gore_misalignment_mm * float(np.linalg.norm(scale[0]))
 
 
@@ -291,18 +312,19 @@ def _mutual(first: Array, second: Array, reach: float) -> NDArray[np.intp]:
     return np.column_stack([np.flatnonzero(mutual), partner[mutual]])
 
 
-def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDArray[np.bool_]]:
+def _detect(
+    image: Levels, palette: Palette, fine: NDArray[np.uint8] | None = None
+) -> tuple[list[Markers], Single, NDArray[np.bool_]]:
     """Markers of each layer, the ground between them, and a mask of the skin."""
-    levels = np.asarray(image, dtype=float)
-    _check_image(levels, palette)
-    linear = decode_srgb(levels).astype(np.float32)
+    _check_image(image, palette)
+    linear = linear_light(image)
     # The median removes noise, whose extremes would bias the rough ground.
     if palette.bright:
         # Shares of a ground that is black in a channel would be undefined.
         linear += np.float32(DARKEST)
     smooth = np.asarray(cv2.medianBlur(linear, 5), dtype=np.float32)
     matrix = unmixing_matrix(palette.transmittance)
-    sizes, skin = _first_sizes(levels.shape, palette)
+    sizes, skin = _first_sizes(image.shape, palette)
     anywhere = np.ones(skin.shape, dtype=bool)
     seen = anywhere if palette.seen is None else palette.seen.field
     # Try a larger size if the markers turn out larger than this one allows.
@@ -322,36 +344,18 @@ def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDA
         if plain.sum() > 0.02 * field.sum():
             ground = estimate_ground(linear, plain, scale)
             densities = dye_densities(linear, ground, matrix)
-    spots = [find_spots(density, field, parted=True) for density in densities]
+    spots = [find_spots(density, field, True, palette.spots) for density in densities]
     if not any(len(layer.area) for layer in spots):
         raise UserError(
             f"no markers found: nothing in the image has the colours of the palette's "
             f"{' and '.join(palette.names)}"
         )
-    ratio = np.where(field[..., None], linear / np.maximum(ground, 1e-4), np.float32(1.0))
-    return _markers(spots, levels, ratio, palette), ground, field
+    if fine is not None:
+        return measured_in_strips(fine, spots, ground, field, palette), ground, field
+    return measured(spots, image, over_ground(linear, ground, field), palette), ground, field
 
 
-def _markers(spots: list[Spots], levels: Array, ratio: Single, palette: Palette) -> list[Markers]:
-    """Measure the markers of each layer's spots; `ratio` is linear light over the ground's."""
-    # Dyes have the strength of this picture, or the nominal one in a layer without markers.
-    strength = [layer.density if len(layer.area) else 1.0 for layer in spots]
-    dyes = palette.transmittance ** np.array(strength)[:, None]
-    markers = []
-    for layer, coverage in zip(spots, dye_coverages(ratio, dyes), strict=True):
-        count = len(layer.area)
-        pixels, number = surroundings(layer)
-        position, area, shape = weigh(coverage, pixels, number, count)
-        inside = layer.labels > 0
-        label = layer.labels[inside]
-        colour = [np.bincount(label, c, count + 1)[1:] / layer.area for c in levels[inside].T]
-        markers.append(
-            Markers(position=position, area=area, shape=shape, hue=_hue(np.stack(colour)))
-        )
-    return markers
-
-
-def _check_image(levels: Array, palette: Palette) -> None:
+def _check_image(levels: Levels, palette: Palette) -> None:
     """Refuse an image of wrong shape, or a grey one for a coloured palette."""
     if levels.ndim != 3 or levels.shape[2] != 3:
         raise UserError(f"image has shape {levels.shape}, expected (height, width, 3)")
@@ -392,13 +396,6 @@ def _resting_skin(sensor: SensorDesign) -> tuple[int, NDArray[np.bool_]]:
     gain = np.array([np.sqrt(np.linalg.det(view.jacobian(p)[0, :, :2])) for p in middle])
     field = inside_rim(sensor, pixel_places(sensor)) > 4.0 * sensor.camera.blur_px
     return int(4.5 * (gain * sensor.half_sizes).max()), field
-
-
-def _hue(colour: Array) -> Array:
-    """Hue [°] of colours (3, n), −180…180; NaN for a grey."""
-    red, green, blue = colour
-    hue = np.degrees(np.arctan2(np.sqrt(3.0) * (green - blue), 2.0 * red - green - blue))
-    return np.where(np.ptp(colour, axis=0) > 3.0, hue, np.nan)
 
 
 def _loaded(rest: RestFrame) -> str:

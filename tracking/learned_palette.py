@@ -13,11 +13,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..render import decode_srgb
 from .palette import Palette, load_palette
 from .sighting import Sighting
 from .spots import find_spots
-from .unmixing import AROUND, COLOURED, DARKEST, dye_densities, rough_ground, unmixing_matrix
+from .unmixing import (
+    AROUND,
+    COLOURED,
+    DARKEST,
+    dye_densities,
+    linear_light,
+    rough_ground,
+    unmixing_matrix,
+)
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -41,6 +48,10 @@ class PaletteSettings:
     near: largest angle between pixels of one dye and its ray, over the angle between the rays
     known: cosine above which rays belong to the dyes of the default palette
     known_sum: largest relative error of the colour of both its dyes together
+    black: light of a pixel over the ground's, in its brightest channel, below which it is black
+    blacks: share of such pixels above which they are dots, and not where two dyes overlap
+    clear: smallest light of one of two dyes in its brightest channel, if together they are black
+    seldom: smallest share of the pixels that then show each of them alone
     grey: largest difference between the channels of a grey dye
     darkest, brightest: bounds of an estimated transmittance
     """
@@ -54,6 +65,10 @@ class PaletteSettings:
     near: float = 0.1
     known: float = 0.85
     known_sum: float = 0.2
+    black: float = 0.3
+    blacks: float = 0.3
+    clear: float = 0.7
+    seldom: float = 0.08
     grey: float = 0.4
     darkest: float = 1e-3
     brightest: float = 100.0
@@ -75,7 +90,7 @@ def learn_palette(
     image: sRGB picture, shape (H, W, 3)
     seen: positions of its markers
     """
-    linear = decode_srgb(image.astype(float)).astype(np.float32)
+    linear = linear_light(image)
     smooth = np.maximum(np.asarray(cv2.medianBlur(linear, 3)), np.float32(DARKEST))
     ground, lit = rough_ground(smooth, int(AROUND * seen.pitch), seen.field, seen.bright)
     marked = seen.spots & lit & _even(smooth, ground, settings.edge)
@@ -86,7 +101,13 @@ def learn_palette(
     light, around, share = light[strong], around[strong], share[strong]
     spread = np.percentile(np.ptp(image[seen.field].astype(np.int16), axis=1), 99.5)
     two = not seen.bright and spread >= COLOURED and _two_dyes(light, around, settings)
-    rays = _distinct(np.log(around / light), share, settings) if two else []
+    lost = np.log(around / light)
+    rays = _distinct(lost, share, settings) if two else []
+    black = (light < settings.black * around).all(axis=1)
+    if two and black.mean() > settings.blacks:
+        # Black dots cast coloured shade, on a side for each of the lights; no dyes add up to them.
+        rays = [pair for pair in rays if _add_up(pair, lost, black, settings)]
+        light, around = (light, around) if rays else (light[black], around[black])
     if not rays:
         dye = _one_dye(light, around, seen.bright, settings)
         return _both_known(dye, seen, settings.known_sum) or _named(dye[None], seen, settings)
@@ -103,6 +124,17 @@ def _distinct(lost: Array, share: Array, settings: PaletteSettings) -> list[Arra
     ends = itertools.product(settings.outermost, repeat=2)
     pairs = [_rays(lost, share, first, last, settings.near) for first, last in ends]
     return [pair for pair in pairs if float(np.prod(_units(pair), axis=0).sum()) < settings.alike]
+
+
+def _add_up(pair: Array, lost: Array, black: Mask, settings: PaletteSettings) -> bool:
+    """Whether two clear dyes (2, 3) together give the black pixels, and each shows alone."""
+    own = np.exp(-pair)
+    if own.max(axis=1).min() < settings.clear:
+        return False
+    together = abs(np.exp(-lost[black]) - own.prod(axis=0)).max(axis=1)
+    alone = [abs(np.exp(-lost) - dye).max(axis=1) < settings.other for dye in own]
+    shares = [float(np.mean(some)) for some in alone]
+    return bool(np.median(together) < settings.other and min(shares) > settings.seldom)
 
 
 def _even(light: Single, ground: Single, edge: float) -> Mask:
@@ -179,7 +211,8 @@ def _rays(lost: Array, share: Array, first: float, last: float, near: float) -> 
 def _score(palette: Palette, linear: Single, ground: Single, field: Mask) -> float:
     """Score of a palette: number of markers found, weighted towards the layer with fewer."""
     densities = dye_densities(linear, ground, unmixing_matrix(palette.transmittance))
-    counts = sorted(len(find_spots(density, field, parted=True).area) for density in densities)
+    found = (find_spots(density, field, True, palette.spots) for density in densities)
+    counts = sorted(len(spots.area) for spots in found)
     # With equal numbers prefer the paler palette: two dyes together absorb more than one.
     return counts[0] + 0.5 * counts[1] + 0.01 * float(palette.transmittance.mean())
 

@@ -75,7 +75,13 @@ class Palette:
     @classmethod
     def of_sensor(cls, sensor: SensorDesign) -> "Palette":
         """Palette of a sensor design."""
-        return cls(names=LAYERS, transmittance=sensor.transmittance, sensor=sensor)
+        names = LAYERS if len(sensor.layers) == len(LAYERS) else ("dots",)
+        return cls(names=names, transmittance=sensor.transmittance, sensor=sensor)
+
+    @property
+    def spots(self) -> NDArray[np.bool_] | None:
+        """Mask of the pixels of markers of any size, where they were located."""
+        return None if self.seen is None else self.seen.spots
 
     @property
     def bright(self) -> bool:
@@ -102,9 +108,9 @@ def load_palette(name: str = DEFAULT_PALETTE) -> Palette:
     if name in palette_names():
         text = (files(__package__) / "palettes" / f"{name}.toml").read_text(encoding="utf-8")
         return _palette(convert(parse_toml(text, title), PaletteTable, title))
-    if name not in sensor_names():
+    if name not in sensor_names() + sensor_names(1):
         if not name.endswith(".toml"):
-            known = [*palette_names(), *sensor_names()]
+            known = [*palette_names(), *sensor_names(), *sensor_names(1)]
             raise UserError(
                 f"no palette {name!r}{meant(name, known)}; there is {', '.join(known)}, or give a "
                 ".toml file"
@@ -112,7 +118,7 @@ def load_palette(name: str = DEFAULT_PALETTE) -> Palette:
         values = read_toml(Path(name), title)
         if "skin" not in values:
             return _palette(convert(values, PaletteTable, title))
-    return Palette.of_sensor(load_sensor(name))
+    return Palette.of_sensor(load_sensor(name, fewest=1))
 
 
 def _palette(table: PaletteTable) -> Palette:

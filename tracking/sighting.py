@@ -5,7 +5,9 @@ ground and at regular distances. Their colours and sizes and the sensor's positi
 need not be known. Surroundings, a frame, lamps or a label do not repeat like that.
 """
 
-from dataclasses import dataclass
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import cv2
@@ -38,6 +40,7 @@ class SightSettings:
     same_area: factor between the areas of such regions
     faintest: smallest contrast of a spot [grey levels]
     as_large, as_strong: largest ratios of the areas and of the contrasts of neighbours
+    kinds_large, kinds_furthest: the same ratio and distance where markers are of several kinds
     furthest: largest distance of neighbours [radii of the larger]
     neighbours: number of neighbours that are compared
     fewest: smallest number of markers of a pattern
@@ -68,6 +71,8 @@ class SightSettings:
     faintest: float = 8.0
     as_large: float = 4.5
     as_strong: float = 2.5
+    kinds_large: float = 25.0
+    kinds_furthest: float = 10.0
     furthest: float = 8.0
     neighbours: int = 8
     fewest: int = 11
@@ -123,6 +128,22 @@ class Sighting:
     position: Array
     radius: float
     pitch: float
+
+    def scaled(self, scale: float, size: tuple[int, int]) -> "Sighting":
+        """The same in the picture scaled to a width and height [px], about its outer edge."""
+
+        def resized(mask: Mask) -> Mask:
+            wide = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+            return np.asarray(wide).astype(bool)
+
+        return replace(
+            self,
+            field=resized(self.field),
+            spots=resized(self.spots),
+            position=scale * (self.position + 0.5) - 0.5,
+            radius=scale * self.radius,
+            pitch=scale * self.pitch,
+        )
 
 
 def sight(
@@ -188,14 +209,33 @@ def _patterns(image: Image, channel: int, settings: SightSettings) -> list[Spots
     position, area = _regions(light, settings)
     contrast, rough = _contrasts(light, position, area)
     found = []
-    for bright in (False, True):
+    for bright, kinds in itertools.product((False, True), (False, True)):
         some = contrast > settings.faintest if bright else contrast < -settings.faintest
-        some[some] = _alike(position[some], area[some], abs(contrast[some]), settings)
+        some[some] = _alike(position[some], area[some], abs(contrast[some]), kinds, settings)
+        if kinds and some.any():
+            kind, size = _kinds(area[some]), area[some]
+            common = size[kind >= 0] if kind.max() > 0 else np.zeros(1)
+            some[some] = (size >= common.min()) & (size <= common.max())
         if some.sum() < settings.fewest:
             continue
         clear = float(np.median(abs(contrast[some]) / rough[some]))
         found.append(Spots(channel, bright, position[some], area[some], clear, 0.0))
     return [spots._replace(pitch=_pitch(spots.position)) for spots in found]
+
+
+def _kinds(areas: Array, gap: float = 1.4, few: float = 0.05) -> NDArray[np.intp]:
+    """Kind 0, 1, … of the size of each of n spots, (n,); −1 for a size that hardly any other has.
+
+    Parameters
+    ----------
+    gap: factor between areas between which there is no third, where a kind ends
+    few: smallest share of the spots that are a kind, at least three
+    """
+    order = np.argsort(areas, kind="stable")
+    kind = np.zeros(len(areas), dtype=np.intp)
+    kind[order[1:]] = np.cumsum(np.diff(np.log(areas[order])) > np.log(gap))
+    common = np.bincount(kind, minlength=1) >= max(3.0, few * len(areas))
+    return np.where(common, np.cumsum(common) - 1, -1)[kind]
 
 
 def _pitch(position: Array) -> float:
@@ -216,7 +256,9 @@ def _is_pattern(spots: Spots, settings: SightSettings) -> bool:
     # Markers cover a surface; letters stand in a row.
     narrow = np.sqrt(np.linalg.eigvalsh(np.cov(spots.position.T))[0])
     even = apart.std() < settings.uneven * apart.mean()
-    even = even and np.log(spots.area).std() < settings.unlike
+    kind, size = _kinds(spots.area), np.log(spots.area)
+    means = [size[kind == k].mean() for k in range(kind.max() + 1)]
+    even = even and (size - np.append(means, size.mean())[kind]).std() < settings.unlike
     return bool(even and narrow > settings.row * spots.pitch)
 
 
@@ -240,23 +282,32 @@ def _regions(light: Image, settings: SightSettings) -> tuple[Array, Array]:
     if len(regions) == 0:
         return np.empty((0, 2)), np.empty(0)
     area = np.array([len(region) for region in regions], dtype=float)
-    number = np.repeat(np.arange(len(area)), area.astype(int))
-    x, y = np.concatenate(regions).T.astype(float)
-
-    def mean(values: Array) -> Array:
-        return np.bincount(number, values) / area
-
-    centre = np.stack([mean(x), mean(y)], axis=-1)
-    x, y = x - centre[number, 0], y - centre[number, 1]
-    # The inertia of a pixel itself, a square, is 1/12.
-    xx, yy, xy = mean(x * x) + 1.0 / 12.0, mean(y * y) + 1.0 / 12.0, mean(x * y)
-    middle, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    long, short = middle + apart, np.maximum(middle - apart, 1e-9)
+    # Some regions at once: nested ones have many times the picture's pixels.
+    starts = np.flatnonzero(np.diff(np.cumsum(area) // 1e6, prepend=-1.0))
+    bounds = itertools.pairwise([*starts, len(area)])
+    ways = [_ellipses(regions[i:j]) for i, j in bounds]
+    centre, (long, short) = np.concatenate([w[0] for w in ways]), np.hstack([w[1] for w in ways])
     filled = area > settings.filled * 4.0 * np.pi * np.sqrt(long * short)
     round_ = filled & (long < settings.longest**2 * short)
     centre, area = centre[round_], area[round_]
     kept = _unnested(centre, area, settings)
     return centre[kept], area[kept]
+
+
+def _ellipses(regions: Any) -> tuple[Array, Array]:
+    """Centres (n, 2) of regions, and inertia along both axes of their ellipses (2, n)."""
+    area = np.array([len(region) for region in regions])
+    first = np.cumsum(area) - area
+    x, y = np.concatenate(regions).T.astype(np.int64)
+    # Sums of whole numbers are exact.
+    mean_x, mean_y, xx, yy, xy = (
+        np.add.reduceat(v, first) / area for v in (x, y, x * x, y * y, x * y)
+    )
+    # The inertia of a pixel itself, a square, is 1/12.
+    xx, yy, xy = xx - mean_x**2 + 1.0 / 12.0, yy - mean_y**2 + 1.0 / 12.0, xy - mean_x * mean_y
+    middle, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    centre = np.stack([mean_x, mean_y], axis=-1)
+    return centre, np.stack([middle + apart, np.maximum(middle - apart, 1e-9)])
 
 
 def _unnested(centre: Array, area: Array, settings: SightSettings) -> list[int]:
@@ -278,24 +329,46 @@ def _unnested(centre: Array, area: Array, settings: SightSettings) -> list[int]:
 
 def _contrasts(light: Image, position: Array, area: Array) -> tuple[Array, Array]:
     """Mean level inside spots minus that around them, and its deviation, (n,) [grey levels]."""
-    contrast, rough = np.zeros(len(area)), np.ones(len(area))
-    height, width = light.shape
-    for k, ((x, y), radius) in enumerate(zip(position, np.sqrt(area / np.pi), strict=True)):
-        reach = int(1.8 * radius + 3.0)
-        top, left = max(0, int(y) - reach), max(0, int(x) - reach)
-        part = light[top : min(height, int(y) + reach + 1), left : min(width, int(x) + reach + 1)]
-        rows, cols = np.ogrid[top : top + part.shape[0], left : left + part.shape[1]]
-        apart = np.hypot(cols - x, rows - y)
-        inside = part[apart < 0.7 * radius + 0.5].astype(float)
-        beside = part[(apart > 1.35 * radius + 1.0) & (apart < 1.8 * radius + 2.0)].astype(float)
-        if len(beside):
-            contrast[k] = inside.mean() - np.median(beside)
-            # Rounding is noise too.
-            rough[k] = np.sqrt(0.5 * (inside.var() + beside.var()) + 1.0)
+    contrast, rough, radius = np.zeros(len(area)), np.ones(len(area)), np.sqrt(area / np.pi)
+    reach = (1.8 * radius + 3.0).astype(int)
+    around, outside = int(reach.max(initial=0)), 256  # level of what is not in the picture
+    padded = np.pad(light.astype(np.int16), around, constant_values=outside)
+    for spots in _parts(reach):
+        own, side = radius[spots, None], np.arange(-reach[spots[0]], reach[spots[0]] + 1)
+        middle = position[spots].astype(int)
+        (cols, rows), (x, y) = middle.T[..., None] + side, position[spots].T[..., None]
+        level = padded[rows[..., None] + around, cols[:, None] + around].reshape(len(spots), -1)
+        apart = np.hypot((cols - x)[:, None], (rows - y)[..., None]).reshape(level.shape)
+        inside = (apart < 0.7 * own + 0.5) & (level < outside)
+        beside = (apart > 1.35 * own + 1.0) & (apart < 1.8 * own + 2.0) & (level < outside)
+        count = beside.sum(axis=1)
+        order, each = np.sort(np.where(beside, level, outside), axis=1), np.arange(len(spots))
+        ground = 0.5 * (order[each, np.maximum(count - 1, 0) // 2] + order[each, count // 2])
+        (mean, spread), (_, ground_spread) = (_moments(level, some) for some in (inside, beside))
+        contrast[spots] = np.where(count > 0, mean - ground, 0.0)
+        # Rounding is noise too.
+        noisy = np.sqrt(0.5 * (spread + ground_spread) + 1.0)
+        rough[spots] = np.where(count > 0, noisy, 1.0)
     return contrast, rough
 
 
-def _alike(position: Array, area: Array, contrast: Array, settings: SightSettings) -> Mask:
+def _parts(reach: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+    """Indices of spots with windows of one size, as many as are read at once."""
+    for one in np.unique(reach):
+        alike = np.flatnonzero(reach == one)
+        yield from np.array_split(alike, 1 + len(alike) * (2 * one + 1) ** 2 // 1_000_000)
+
+
+def _moments(level: NDArray[np.int16], some: Mask) -> tuple[Array, Array]:
+    """Mean and variance of some of the levels in each of n windows, (n,)."""
+    count, value = np.maximum(some.sum(axis=1), 1), np.where(some, level, 0).astype(float)
+    mean = value.sum(axis=1) / count
+    return mean, (value**2).sum(axis=1) / count - mean**2
+
+
+def _alike(
+    position: Array, area: Array, contrast: Array, kinds: bool, settings: SightSettings
+) -> Mask:
     """Mask (n,) of the largest group of spots that are linked by similarity to neighbours."""
     count = len(area)
     if count < settings.fewest:
@@ -305,8 +378,10 @@ def _alike(position: Array, area: Array, contrast: Array, settings: SightSetting
         np.asarray(v)[:, 1:] for v in scipy.spatial.KDTree(position).query(position, k=near_count)
     )
     radius = np.sqrt(area / np.pi)
-    near = apart < settings.furthest * np.maximum(radius[:, None], radius[other])
-    for value, factor in ((area, settings.as_large), (contrast, settings.as_strong)):
+    as_large = settings.kinds_large if kinds else settings.as_large
+    furthest = settings.kinds_furthest if kinds else settings.furthest
+    near = apart < furthest * np.maximum(radius[:, None], radius[other])
+    for value, factor in ((area, as_large), (contrast, settings.as_strong)):
         near &= abs(np.log(value[:, None] / value[other])) < np.log(factor)
     one = np.broadcast_to(np.arange(count)[:, None], other.shape)
     links = scipy.sparse.csr_matrix(

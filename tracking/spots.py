@@ -28,6 +28,10 @@ class SpotSettings:
     longest_cut: largest length along which the edge of the field cuts a marker, over the root of
         its area
     fewest_pixels: smallest area [px²]
+    kinds: largest ratio of areas to the typical area, and of that to areas, of markers of further
+        kinds
+    compact: largest length of such a marker over its width
+    further: smallest share of such markers, at least three
     reach: distance from a spot at which its blurred edge ends [px]
     soft: coverage up to which a pixel has weight 0; from 1 − soft on it has weight 1. So noise of
         plain ground and plain dye has no influence
@@ -41,6 +45,9 @@ class SpotSettings:
     longest: float = 2.5
     longest_cut: float = 0.6
     fewest_pixels: int = 6
+    kinds: float = 25.0
+    compact: float = 1.4
+    further: float = 0.03
     reach: float = 3.0
     soft: float = 0.1
 
@@ -54,7 +61,12 @@ class Spots(NamedTuple):
 
 
 def find_spots(
-    density: Single, field: NDArray[np.bool_], parted: bool, settings: SpotSettings = SpotSettings()
+    density: Single,
+    field: NDArray[np.bool_],
+    parted: bool,
+    seen: NDArray[np.bool_] | None = None,
+    sizes: tuple[float, float] | None = None,
+    settings: SpotSettings = SpotSettings(),
 ) -> Spots:
     """Find connected dyed pixels with the size and shape of markers.
 
@@ -63,6 +75,8 @@ def find_spots(
     density: density of the dye, shape (H, W)
     field: mask of the pixels that show the sensor, shape (H, W)
     parted: whether to separate spots that touch, with all thresholds of `settings.edges`
+    seen: mask of the pixels of spots that repeat like markers, of any size, shape (H, W)
+    sizes: areas of the smallest and the largest markers [px²]; by default they are typical
     settings: tuned parameters
     """
     # The median removes specks of noise.
@@ -70,7 +84,7 @@ def find_spots(
     dyed = clean[clean > settings.faintest]
     inside = float(np.percentile(dyed, settings.inside)) if len(dyed) else 0.0
     spots = [
-        _plausible(clean, field, max(edge * inside, settings.faintest), settings)
+        _plausible(clean, field, max(edge * inside, settings.faintest), seen, sizes, settings)
         for edge in (settings.edges if parted else settings.edges[:1])
     ]
     # The lowest of the thresholds that give the most spots.
@@ -88,7 +102,12 @@ def typical_area(areas: Array) -> float:
 
 
 def _plausible(
-    density: Single, field: NDArray[np.bool_], least: float, settings: SpotSettings
+    density: Single,
+    field: NDArray[np.bool_],
+    least: float,
+    seen: NDArray[np.bool_] | None,
+    sizes: tuple[float, float] | None,
+    settings: SpotSettings,
 ) -> tuple[NDArray[np.int32], Array]:
     """Labels (H, W) and areas (n,) of the spots above density `least` that may be markers."""
     mask = (density > least).astype(np.uint8)
@@ -102,9 +121,17 @@ def _plausible(
     cut = np.bincount(labels[inner == 0], minlength=count)
     plausible &= cut < settings.longest_cut * np.sqrt(areas)
     typical = typical_area(areas[plausible])
-    plausible &= (areas > settings.smallest * typical) & (areas < settings.largest * typical)
+    low, high = (typical, typical) if sizes is None else sizes
     y, x = np.nonzero(mask)
-    plausible &= _length_to_width(labels[y, x], x, y, count) < settings.longest
+    long = _length_to_width(labels[y, x], x, y, count)
+    others = plausible & (cut == 0) & (long < settings.compact)
+    plausible &= (areas > settings.smallest * low) & (areas < settings.largest * high)
+    plausible &= long < settings.longest
+    if seen is not None:
+        others &= ~plausible & (np.bincount(labels[seen], minlength=count) > 0.5 * areas)
+        others &= (areas * settings.kinds > typical) & (areas < settings.kinds * typical)
+        if others.sum() >= max(3.0, settings.further * plausible.sum()):
+            plausible |= others
     number = (np.cumsum(plausible) * plausible).astype(np.int32)
     return number[labels], areas[plausible]
 

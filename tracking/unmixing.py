@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..render import decode_srgb, decoding_table
 from ..render.drawing import shared_coverage
 
 Array = NDArray[np.float64]
@@ -27,6 +28,13 @@ COLOURED = 12.0
 DARKEST = 3e-3
 #: Spacing of the pixels to which the shading is fitted [px].
 _STRIDE = 4
+
+
+def linear_light(levels: NDArray[np.uint8] | Array) -> Single:
+    """Linear light of sRGB levels, in their shape; those of a picture are looked up in a table."""
+    if levels.dtype == np.uint8:
+        return np.asarray(cv2.LUT(levels, decoding_table().astype(np.float32)))
+    return decode_srgb(np.asarray(levels, dtype=float)).astype(np.float32)
 
 
 def unmixing_matrix(transmittance: Array) -> Array:

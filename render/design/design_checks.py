@@ -26,7 +26,7 @@ def check_markers(
     shape: shape of the skin
     view: view of the camera
     places: places of the markers on the skin, shape (n, 2)
-    depths, half_sizes: depths and half sizes of the layers magenta and yellow [m], shape (2,)
+    depths, half_sizes: depths and half sizes of the L layers, magenta first [m], shape (L,)
     square: whether markers are squares, not discs
 
     Raises
@@ -34,7 +34,7 @@ def check_markers(
     UserError
         When markers of a layer overlap, leave the skin, or lie outside the image.
     """
-    layers = zip(("magenta", "yellow"), depths, half_sizes, strict=True)
+    layers = zip(("magenta", "yellow"), depths, half_sizes, strict=False)
     for name, depth, half in layers:
         points = shape.points(places, depth)
         outside = np.flatnonzero(shape.rim_distance(places) <= 0.0)

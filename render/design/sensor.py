@@ -27,7 +27,9 @@ NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Level = Annotated[int, Meta(ge=0, le=255)]
 Many = Annotated[int, Meta(ge=1, le=5000)]
 Coverage = Annotated[float, Meta(ge=10.0, le=89.0)]
-Triple = tuple[Share, Share, Share]
+Light = Annotated[float, Meta(ge=0.0, le=100.0)]
+#: Shares of the ground's light; above 1 for markers that are brighter than the ground.
+Lights = tuple[Light, Light, Light]
 Colour = tuple[Level, Level, Level]
 
 #: Default relative standard deviation of the stiffness from specimen to specimen: with it a 90 %
@@ -198,13 +200,14 @@ class Layer(Table, frozen=True):
     size_mm: diameter or side of a marker [mm]
     depth_mm: depth under the skin [mm]
     follow: share of the skin's displacement that the layer follows
-    transmittance: transmittance of the dye in linear light, RGB
+    transmittance: transmittance of the dye in linear light, RGB; above 1, in a design of one layer,
+        for markers that are brighter than the ground
     """
 
     size_mm: Positive
     depth_mm: NotNegative
     follow: Share
-    transmittance: Triple
+    transmittance: Lights
 
 
 class CameraSettings(Table, frozen=True, kw_only=True):
@@ -280,7 +283,9 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
     Attributes
     ----------
     description: one line for lists of designs
-    skin, layout, markers, magenta, yellow, camera, ground, seams: tables of the design
+    skin, layout, markers, camera, ground, seams: tables of the design
+    magenta: outer layer of markers
+    yellow: inner layer; None in a design of one layer, which serves tracking alone
     silicone: silicone of the body `dome`; None if it is unknown
     defects: defects of its specimens; those of a scene replace them one by one
     """
@@ -290,7 +295,7 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
     layout: Layout
     markers: Markers = Markers()
     magenta: Layer
-    yellow: Layer
+    yellow: Layer | None = None
     camera: CameraSettings
     ground: Ground
     seams: Seams | None = None
@@ -306,7 +311,12 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
         if self.silicone is not None:
             self.silicone.body(self.shape.radius, self.shape.flat)  # refuses an invalid body
         skin.refuse(self.layout, self.camera.position_mm)
-        for name, layer in zip(LAYERS, self.layers, strict=True):
+        for name, layer in zip(LAYERS, self.layers, strict=False):
+            for k, share in enumerate(layer.transmittance):
+                if self.yellow is not None and share > 1.0:
+                    raise UserError(
+                        f"{name}.transmittance[{k}] = {share:g} must be at most 1 in two layers"
+                    )
             if layer.depth_mm >= skin.room_mm:
                 raise UserError(
                     f"{name}.depth_mm = {layer.depth_mm} must be less than the silicone's "
@@ -346,28 +356,41 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
         return body
 
     @property
-    def layers(self) -> tuple[Layer, Layer]:
-        """Both layers, from the skin inwards."""
-        return (self.magenta, self.yellow)
+    def inner(self) -> Layer:
+        """The inner layer.
+
+        Raises
+        ------
+        UserError
+            For a design of one layer.
+        """
+        if self.yellow is None:
+            raise UserError("the sensor has one layer of markers; wanted: magenta and yellow")
+        return self.yellow
+
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """The L layers, from the skin inwards."""
+        return (self.magenta,) if self.yellow is None else (self.magenta, self.yellow)
 
     @property
     def depths(self) -> Array:
-        """Depth of each layer under the skin [m], shape (2,)."""
+        """Depth of each layer under the skin [m], shape (L,)."""
         return np.array([layer.depth_mm * 1e-3 for layer in self.layers])
 
     @property
     def half_sizes(self) -> Array:
-        """Radius, or half the side, of each layer's markers [m], shape (2,)."""
+        """Radius, or half the side, of each layer's markers [m], shape (L,)."""
         return np.array([layer.size_mm * 0.5e-3 for layer in self.layers])
 
     @property
     def follow(self) -> Array:
-        """Share of the skin's displacement that each layer follows, shape (2,)."""
+        """Share of the skin's displacement that each layer follows, shape (L,)."""
         return np.array([layer.follow for layer in self.layers])
 
     @property
     def transmittance(self) -> Array:
-        """Linear-light transmittance of each dye, shape (2, 3)."""
+        """Linear-light transmittance of each dye, shape (L, 3)."""
         return np.array([layer.transmittance for layer in self.layers])
 
     @property
@@ -431,9 +454,14 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
 DESIGNS = files(__package__.rpartition(".")[0]) / "designs"
 
 
-def sensor_names() -> list[str]:
-    """Names of the shipped designs."""
-    return sorted(f.name.removesuffix(".toml") for f in DESIGNS.iterdir() if f.name[-5:] == ".toml")
+#: Folder of those with one layer of markers.
+ONE_LAYER = DESIGNS / "one-layer"
+
+
+def sensor_names(layers: int = 2) -> list[str]:
+    """Names of the shipped designs with so many layers of markers, 1 or 2."""
+    folder = DESIGNS if layers == 2 else ONE_LAYER
+    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name[-5:] == ".toml")
 
 
 #: Tables and keys of a sensor file that name other files, relative to it.
@@ -442,23 +470,29 @@ FILES_NAMED = (("layout", "path"), ("camera", "calibration"))
 
 @lru_cache(maxsize=32)
 def _shipped(name: str) -> SensorDesign:
-    text = (DESIGNS / f"{name}.toml").read_text(encoding="utf-8")
+    folder = DESIGNS if name in sensor_names() else ONE_LAYER
+    text = (folder / f"{name}.toml").read_text(encoding="utf-8")
     return convert(parse_toml(text, f"sensor {name}"), SensorDesign, f"sensor {name}")
 
 
-def load_sensor(name: str) -> SensorDesign:
+def load_sensor(name: str, fewest: int = 2) -> SensorDesign:
     """Load a shipped design by name, or a design from a file that ends in `.toml`.
 
     Paths of files in a design are relative to it.
 
+    Parameters
+    ----------
+    name: of the design or its file
+    fewest: smallest number of layers of markers; tracking alone needs no more than one
+
     Raises
     ------
     UserError
-        For an unknown name; for a value that is not allowed, with the key, the value and what is
-        allowed.
+        For an unknown name; for a design of fewer layers; for a value that is not allowed, with
+        the key, the value and what is allowed.
     """
-    if name in sensor_names():
-        return _shipped(name)
+    if name in sensor_names() or name in sensor_names(1):
+        return _with_layers(_shipped(name), name, fewest)
     if not name.endswith(".toml"):
         raise UserError(
             f"no sensor design {name!r}{meant(name, sensor_names())}; there is "
@@ -467,7 +501,17 @@ def load_sensor(name: str) -> SensorDesign:
     values = read_toml(Path(name), f"sensor file {name}")
     for table, key in FILES_NAMED:
         _beside(Path(name).parent, values.get(table), key)
-    return convert(values, SensorDesign, f"sensor {name}")
+    return _with_layers(convert(values, SensorDesign, f"sensor {name}"), name, fewest)
+
+
+def _with_layers(sensor: SensorDesign, name: str, fewest: int) -> SensorDesign:
+    """Refuse a design of fewer layers of markers."""
+    if len(sensor.layers) < fewest:
+        raise UserError(
+            f"sensor {name} has one layer of markers, which serves `chromagrip track --palette "
+            f"{name}` and detect; everything else needs magenta and yellow"
+        )
+    return sensor
 
 
 def _beside(folder: Path, table: object, key: str) -> None:

@@ -17,7 +17,7 @@ class BlobDetector(Follower):
 
     def _prepare(self, rest: RestFrame, image: Image) -> None:
         self._tables = density_tables(rest, self._palette)
-        self._detectors = [_detector(float(radius)) for radius in rest.radius]
+        self._detectors = [_detector(min(each), max(each)) for each in rest.radii.tolist()]
 
     def _find(self, image: Image, expected: Array) -> Measured:
         position = np.full_like(expected, np.nan)
@@ -29,15 +29,15 @@ class BlobDetector(Follower):
         return Measured(position)
 
 
-def _detector(radius: float) -> cv2.SimpleBlobDetector:
-    """Make a detector of blobs with 0.3 to 3 times a marker's area, at densities of 0.3 to 0.7."""
+def _detector(smallest: float, largest: float) -> cv2.SimpleBlobDetector:
+    """Make a detector of blobs with 0.3 to 3 times markers' areas, at densities of 0.3 to 0.7."""
     settings = cv2.SimpleBlobDetector.Params()
     settings.minThreshold, settings.maxThreshold = ZERO + UNIT * 0.3, ZERO + UNIT * 0.7
     settings.thresholdStep = UNIT * 0.1
     settings.minRepeatability = 2
-    settings.minDistBetweenBlobs = radius
+    settings.minDistBetweenBlobs = smallest
     settings.filterByColor, settings.blobColor = True, 255
     settings.filterByArea = True
-    settings.minArea, settings.maxArea = (share * np.pi * radius**2 for share in (0.3, 3.0))
+    settings.minArea, settings.maxArea = 0.3 * np.pi * smallest**2, 3.0 * np.pi * largest**2
     settings.filterByCircularity = settings.filterByInertia = settings.filterByConvexity = False
     return cv2.SimpleBlobDetector.create(settings)

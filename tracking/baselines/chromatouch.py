@@ -55,9 +55,9 @@ class ChromaTouch(Follower):
             )
 
     def _prepare(self, rest: RestFrame, image: Image) -> None:
-        self._area = np.pi * rest.radius**2
+        self._area = np.pi * rest.radii.min(axis=1) ** 2
         # Odd, and wider than a pair whose layers lie apart.
-        side = 2 * int(3.0 * rest.radius.max()) + 1
+        side = 2 * int(3.0 * rest.radii.max()) + 1
         self._around = np.ones((side, side), np.uint8)
         middles = np.rint(rest.position[0, np.isfinite(rest.position[0, :, 0])]).astype(int)
         hat = self._hat(image).max(axis=2)

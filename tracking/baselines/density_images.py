@@ -55,10 +55,10 @@ def density_images(image: Image, tables: DensityTables) -> Image:
     return out
 
 
-def markers_there(density: Image, position: Array, radius: float) -> NDArray[np.bool_]:
-    """Whether a density image (H, W) is denser at positions (M, 2) than around them."""
+def markers_there(density: Image, position: Array, radius: Array) -> NDArray[np.bool_]:
+    """Whether a density image (H, W) is denser at positions (M, 2) than at radii (M,) from them."""
     angles = np.arange(8) * (np.pi / 4)
-    circle = radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    circle = radius[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     inside = _sample(density, position[:, None] + 0.4 * circle).mean(axis=1)
     # A neighbour may cover a part of the ring.
     around = np.quantile(_sample(density, position[:, None] + 1.7 * circle), 0.25, axis=1)

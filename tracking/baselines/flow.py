@@ -20,7 +20,7 @@ class LucasKanade(Follower):
     """Pyramidal Lucas–Kanade flow of each marker's window, from rest to the frame and back."""
 
     def _prepare(self, rest: RestFrame, image: Image) -> None:
-        self._radius = rest.radius
+        self._radii = rest.radii
         self._tables = density_tables(rest, self._palette)
         self._rest = density_images(image, self._tables)
 
@@ -36,7 +36,7 @@ class LucasKanade(Follower):
         """Positions (n, 2) of the n `known` markers of layer k; NaN where they are lost."""
         start = self._origin[k, known].astype(np.float32)
         margin, back_px = 3, 0.3  # margin around a marker, largest error of the way back [px]
-        side = 2 * (int(np.ceil(self._radius[k])) + margin) + 1
+        side = 2 * (int(np.ceil(self._radii[k].max())) + margin) + 1
         settings: dict[str, Any] = {
             "winSize": (side, side),
             "maxLevel": 2,  # number of coarser levels; each doubles the search range
@@ -47,5 +47,5 @@ class LucasKanade(Follower):
         back, back_there, _ = flow(density, self._rest[k], to, start.copy(), **settings)
         good = (there[:, 0] == 1) & (back_there[:, 0] == 1)
         good &= np.linalg.norm(back - start, axis=-1) < back_px
-        good &= markers_there(density, np.asarray(to, dtype=float), self._radius[k])
+        good &= markers_there(density, np.asarray(to, dtype=float), self._radii[k, known])
         return np.where(good[:, None], to, np.nan)

@@ -88,7 +88,7 @@ def fit_rest(
     stray = _stray(first, settings)
     if stray.any() and not stray.all():
         # Their light would bias that of neighbouring pairs.
-        rest = replace(rest, position=rest.position[:, ~stray])
+        rest = replace(rest, position=rest.position[:, ~stray], shapes=rest.shapes[:, ~stray])
         fit, first = _first_fit(rest, mean, frames[0].image, palette, noise, settings)
     uneven = is_uneven(fit, first, rest, settings.skin)
     if uneven:
@@ -192,7 +192,7 @@ def _at_rest(
         pitch=rest.pitch,
         shape=rest.image.shape,
         layers=len(palette.names),
-        share=None if sensor is None else sensor.follow[-1] / sensor.follow[0],
+        share=sensor.follow[1] / sensor.follow[0] if sensor and sensor.yellow else None,
         flat=flat,
         edge=Edge.of_rest(rest, palette, found.state.fits[..., :2]),
         skin=skin,

@@ -76,6 +76,7 @@ def prepare_fit(
     position = np.full((2, count, 2), np.nan)
     position[:layers] = rest.position
     radius = np.append(rest.radius, rest.radius[-1:])[:2]
+    radii = np.append(rest.radii, rest.radii[-1:], axis=0)[:2]
     middle = np.nanmean(position, axis=0)
     near = neighbours(middle, settings.near)
     optics = Optics(
@@ -85,7 +86,7 @@ def prepare_fit(
         variance=np.float32(level_variance(noise)),
         ground=rest.ground.astype(np.float32),
         absorbed=nominal.astype(np.float32),
-        shapes=np.tile(radius[:, None, None, None] * np.eye(2), (1, count, 1, 1)),
+        shapes=radii[:, :, None, None] * np.eye(2),
         neighbours=neighbours(middle, settings.overlapping),
         width=edge_width(settings.first_blur),
         reach=settings.reach,
@@ -95,6 +96,7 @@ def prepare_fit(
         nominal=nominal,
         noise=noise,
         radius=radius,
+        largest=float(radii.max()),
         near=near,
         to_slope=_slope_matrices(middle, near),
         buffer=np.zeros(BUFFER, dtype=np.float32),
@@ -136,6 +138,7 @@ class PairFit:
     nominal: nominal a₀, a₁ and b (rows) of each channel, see `fit`, shape (3, 3)
     noise: standard deviation of the camera noise [grey levels]
     radius: radius of each layer's markers at rest [px], shape (2,)
+    largest: largest radius of markers [px]
     near: indices of the K pairs next to each pair, shape (M, K)
     to_slope: matrices of `_slope_matrices`, shape (M, 2, K)
     buffer: working memory of the kernels, shape (BUFFER,)
@@ -149,6 +152,7 @@ class PairFit:
     nominal: Array
     noise: float
     radius: Array
+    largest: float
     near: NDArray[np.int64]
     to_slope: Array
     buffer: Array32
@@ -175,7 +179,7 @@ class PairFit:
 
     def empty_templates(self) -> Pool:
         """Allocate templates for all pairs."""
-        radius = float(self.radius.max()) + self.optics.reach * self.optics.width
+        radius = self.largest + self.optics.reach * self.optics.width
         pairs, neighbours = self.optics.neighbours.shape
         return empty_templates(pairs, neighbours, radius, self.rows)
 

@@ -64,7 +64,8 @@ class Relocator:
         self._log_ground = np.log(np.maximum(safe, 1e-4)).astype(np.float32)
         levels = np.log(np.maximum(decoding_table(), 1e-4)).astype(np.float32)
         self._log_levels = np.repeat(levels[:, None], 3, axis=1).reshape(1, 256, 3)
-        self._areas = np.pi * rest.radius**2
+        ends = np.stack([rest.radii.min(axis=1), rest.radii.max(axis=1)], axis=-1)
+        self._areas = np.pi * ends**2  # of the smallest and the largest markers of each layer
         # From the rim inwards: by the distance from the middle of all markers.
         middle = np.nanmean(rest.position, axis=0)
         away = np.linalg.norm(middle - middle.mean(axis=0), axis=1)
@@ -116,11 +117,11 @@ class Relocator:
         density = cv2.transform(gains - ratio, self._matrix)
         density = np.asarray(density).reshape(*self._skin.shape, -1)
         blobs = []
-        for layer, area in enumerate(self._areas):
+        for layer, (small, large) in enumerate(self._areas):
             mask = ((density[..., layer] > 0.5) & self._skin).astype(np.uint8)
             _, _, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=4)
             areas = stats[1:, cv2.CC_STAT_AREA]
-            fit = (areas > settings.smallest * area) & (areas < settings.largest * area)
+            fit = (areas > settings.smallest * small) & (areas < settings.largest * large)
             blobs.append(np.asarray(centres[1:][fit], dtype=float))
         return blobs, gains
 

@@ -141,9 +141,9 @@ def values_of(calibration: SensorCalibration) -> Values:
         tissue_stiffness_n_per_m=tip.tissue_stiffness,
         membrane_stiffness_n_per_m=tip.membrane_stiffness,
         tissue_poisson=tip.poisson_tissue,
-        yellow_follow=sensor.yellow.follow,
+        yellow_follow=sensor.inner.follow,
         magenta_depth_mm=sensor.magenta.depth_mm,
-        yellow_depth_mm=sensor.yellow.depth_mm,
+        yellow_depth_mm=sensor.inner.depth_mm,
     )
 
 
@@ -163,7 +163,7 @@ def with_values(calibration: SensorCalibration, values: Values) -> SensorCalibra
             sensor,
             magenta=changed(sensor.magenta, depth_mm=values.magenta_depth_mm),
             yellow=changed(
-                sensor.yellow, depth_mm=values.yellow_depth_mm, follow=values.yellow_follow
+                sensor.inner, depth_mm=values.yellow_depth_mm, follow=values.yellow_follow
             ),
         ),
         fingertip=replace(
@@ -185,7 +185,7 @@ def silicone_of(calibration: SensorCalibration) -> SiliconeValues | None:
         young_kpa=sensor.silicone.young_kpa,
         poisson=sensor.silicone.poisson,
         magenta_depth_mm=sensor.magenta.depth_mm,
-        yellow_depth_mm=sensor.yellow.depth_mm if yellow_moves(sensor) else None,
+        yellow_depth_mm=sensor.inner.depth_mm if yellow_moves(sensor) else None,
     )
 
 
@@ -202,11 +202,11 @@ def with_silicone(calibration: SensorCalibration, values: SiliconeValues) -> Sen
         raise UserError("[silicone] is of a design with a dome of silicone; this one has none")
     yellow = values.yellow_depth_mm
     if yellow is None:
-        yellow = sensor.yellow.depth_mm - (values.core_mm - sensor.silicone.core_mm)
+        yellow = sensor.inner.depth_mm - (values.core_mm - sensor.silicone.core_mm)
     if not yellow >= 0.0:
         raise UserError(
             f"silicone.core_mm = {values.core_mm:g} puts the yellow layer above the skin; allowed: "
-            f"up to {sensor.silicone.core_mm + sensor.yellow.depth_mm:g}"
+            f"up to {sensor.silicone.core_mm + sensor.inner.depth_mm:g}"
         )
     return replace(
         calibration,
@@ -214,7 +214,7 @@ def with_silicone(calibration: SensorCalibration, values: SiliconeValues) -> Sen
         sensor=changed(
             sensor,
             magenta=changed(sensor.magenta, depth_mm=values.magenta_depth_mm),
-            yellow=changed(sensor.yellow, depth_mm=yellow),
+            yellow=changed(sensor.inner, depth_mm=yellow),
             silicone=changed(
                 sensor.silicone,
                 core_mm=values.core_mm,

@@ -101,7 +101,7 @@ def body_read(calibration: SensorCalibration) -> Body:
     dome. The designs of the thesis count as chains and use their trained read-out.
     """
     sensor = calibration.nominal
-    built = bool(sensor.markers.swell_mm) or not sensor.yellow.follow
+    built = bool(sensor.markers.swell_mm) or not sensor.inner.follow
     built &= sensor.silicone is not None and not sensor.shape.flat  # no method reads a pad
     return "dome" if built else "chain"
 

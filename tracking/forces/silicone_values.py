@@ -40,4 +40,4 @@ def yellow_moves(sensor: SensorDesign) -> bool:
     """Whether the yellow layer of a silicone dome moves, as it does not lie on the core."""
     assert sensor.silicone is not None
     thickness = 1e3 * sensor.shape.radius - sensor.silicone.core_mm
-    return sensor.yellow.depth_mm < (1.0 - ON_CORE) * thickness
+    return sensor.inner.depth_mm < (1.0 - ON_CORE) * thickness

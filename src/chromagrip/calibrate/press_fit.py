@@ -109,7 +109,7 @@ def unknowns_of(nominal: SensorCalibration, presses: list[Press]) -> Unknowns:
     logarithmic = {"tissue_stiffness_n_per_m": 0.5, "membrane_stiffness_n_per_m": 0.5}
     friction_spread = 0.4  # prior standard deviation of its logarithm
     spread = logarithmic | DIRECT | {FRICTION: friction_spread}
-    if not nominal.sensor.yellow.follow:
+    if not nominal.sensor.inner.follow:
         del spread["yellow_follow"]
     needed = max(abs(press.lateral) / press.normal for press in presses)
     return Unknowns(nominal=nominal, spread=spread, needed=needed)

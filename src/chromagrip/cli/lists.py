@@ -23,7 +23,10 @@ def sensors(*, json_only: Json = False) -> int:
     """
     from ..render import load_sensor, sensor_names
 
-    return print_list({name: load_sensor(name).description for name in sensor_names()}, json_only)
+    entries = {name: load_sensor(name).description for name in sensor_names()}
+    for name in sensor_names(1):
+        entries[name] = f"{load_sensor(name, fewest=1).description}; for tracking alone"
+    return print_list(entries, json_only)
 
 
 def palettes(*, json_only: Json = False) -> int:
@@ -39,7 +42,8 @@ def palettes(*, json_only: Json = False) -> int:
         palette = load_palette(name)
         layers = " over ".join(palette.names)
         entries[name] = f"{layers}, {'brighter' if palette.bright else 'darker'} than the ground"
-    entries |= {name: f"sensor, {load_sensor(name).description}" for name in sensor_names()}
+    for name in sensor_names() + sensor_names(1):
+        entries[name] = f"sensor, {load_sensor(name, fewest=1).description}"
     return print_list(entries, json_only)
 
 

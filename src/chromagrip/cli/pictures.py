@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -247,8 +248,9 @@ def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
         share = layer["visible_share"]
         visible = "" if share is None else f", seen in {100 * share:.2f} % of the frames"
         table.add_row(name, f"{layer['markers']} markers{visible}")
-    if summary["not_followed"]:
-        table.add_row("seen at rest, not followed", str(len(summary["not_followed"])))
+    reasons = Counter(marker["reason"] for marker in summary["not_followed"])
+    for k, (reason, count) in enumerate(reasons.items()):
+        table.add_row("" if k else "seen at rest, not followed", f"{count}, {reason}")
     table.add_row("lost at the end", str(len(summary["lost"])))
     table.add_row("ambiguous", f"{summary['ambiguous']} times")
     if summary["ms_per_frame"] is not None:

@@ -101,7 +101,7 @@ class Looking:
         known = self.known
         palette = Palette.of_sensor(known.sensor)
         opened = open_tracking(
-            self.rest, self.source, find=lambda _, __: palette, tracker=DEFAULT_TRACKER, noise=None,
+            self.rest, self.source, find=lambda *_: palette, tracker=DEFAULT_TRACKER, noise=None,
             fps=self.fps, tell=lambda _: None, sensor=known.sensor,
         )  # fmt: skip
         with located(f"calibration {self.calibration}"):

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..render import SensorDesign
+from ..render import SensorDesign, decoding_table, encode_srgb
 from ..stored_pictures import Image
-from ..tracking import Palette, Sighting, detect_markers, sight
+from ..tracking import Palette, Sighting, SightSettings, detect_markers, sight
 from ..tracking.forces import placement
 
 Array = NDArray[np.float64]
@@ -34,6 +34,9 @@ class Fitting:
     corner: where the upper left corner of the scaled part lies in the design's picture, x and y
         [px]
     whole: whether the picture is a whole one
+    reduced: whole factor by which the picture of a sensor that is not known is reduced
+    finer: factor by which the picture is larger that shows small markers as well as is worthwhile
+    seen: markers of a sensor that is not known, where they were looked for in the design's picture
     """
 
     size: tuple[int, int]
@@ -41,6 +44,9 @@ class Fitting:
     scale: float = 1.0
     corner: tuple[int, int] = (0, 0)
     whole: bool = True
+    reduced: int = 1
+    finer: int = 1
+    seen: Sighting | None = None
 
     @property
     def taken(self) -> list[float]:
@@ -60,9 +66,22 @@ class Fitting:
         left, top, right, bottom = self.box
         return image[top:bottom, left:right]
 
+    def fine(self) -> "Fitting":
+        """The same with pixels as fine as the markers of a sensor that is not known need."""
+        return replace(
+            self,
+            size=(self.finer * self.size[0], self.finer * self.size[1]),
+            scale=self.finer * self.scale,
+            reduced=self.reduced // self.finer,
+            finer=1,
+            seen=None,
+        )
+
     def __call__(self, image: Image) -> Image:
         """Picture of the design's size; black where the picture shows nothing."""
         part, (width, height) = self.part(image), self.size
+        if self.reduced > 1:
+            return _averaged(part, self.reduced)
         if self.whole:
             return part if part.shape[1::-1] == self.size else _resized(part, self.scale, self.size)
         if self.scale != 1.0:
@@ -115,10 +134,7 @@ def fitting(image: Image, sensor: SensorDesign | None) -> Fitting:
     height, width = image.shape[:2]
     everything = (0, 0, width, height)
     if sensor is None:
-        factor = _reduction(image)
-        size = (width // factor, height // factor)
-        box = (0, 0, factor * size[0], factor * size[1])
-        return Fitting(size=size, box=box, scale=1.0 / factor)
+        return reduction(image)
     if (width, height) == (sensor.view.width, sensor.view.height):
         return Fitting(size=(width, height), box=everything)
     size = (sensor.view.width, sensor.view.height)
@@ -155,17 +171,54 @@ def fitting(image: Image, sensor: SensorDesign | None) -> Fitting:
     return found
 
 
-def _reduction(image: Image) -> int:
-    """Whole factor by which a picture of a sensor that is not known is reduced."""
-    # Pictures of a sensor that is not known are reduced if they have more pixels than this, by the
-    # largest whole factor that leaves a typical marker this radius [px], as those of the designs.
+def reduction(image: Image, enough: int = 2_500_000, least_radius: float = 3.5) -> Fitting:
+    """How the picture of a sensor that is not known is reduced, by a whole factor if it is large.
+
+    Its markers are looked for in few pixels, and measured in as many as tell more of them.
+
+    Parameters
+    ----------
+    enough: number of pixels to which it is reduced
+    least_radius: radius of a typical marker that is left [px]; in few pixels it looks smaller
+    """
+    # Pictures of more pixels than this are large. More than this radius [px], as markers of the
+    # designs have, does not tell more of a typical marker.
     large, typical_radius = 2_500_000, 8.0
-    if image.shape[0] * image.shape[1] <= large:
-        return 1
+    height, width = image.shape[:2]
+    everything = Fitting(size=(width, height), box=(0, 0, width, height))
+    if height * width <= large:
+        return everything
+    look = math.ceil(max(height, width) / SightSettings.longest_side)
     try:
-        return max(1, int(sight(image).radius / typical_radius))
+        seen = sight(_averaged(image, look))
     except UserError:  # a part may show more than the whole
-        return 1
+        return everything
+    radius = look * seen.radius
+    finest = max(1, int(radius / typical_radius))
+    needed = math.ceil(math.sqrt(height * width / enough) / finest)
+    finer = max(1, min(needed, int(radius / finest / least_radius)))
+    factor = finest * finer
+    size = (width // factor, height // factor)
+    return Fitting(
+        size=size,
+        box=(0, 0, factor * size[0], factor * size[1]),
+        scale=1.0 / factor,
+        reduced=factor,
+        finer=finer,
+        seen=seen.scaled(look / factor, size),
+    )
+
+
+def _averaged(image: Image, factor: int) -> Image:
+    """Picture reduced by a whole factor, with the mean light of its pixels."""
+    size = (image.shape[1] // factor, image.shape[0] // factor)
+    # Sixteen bits tell the darkest levels apart.
+    most = np.iinfo(np.uint16).max
+    light = cv2.LUT(image, np.rint(most * decoding_table()).astype(np.uint16))
+    light = light[: factor * size[1], : factor * size[0]]
+    mean = np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA))
+    levels = np.rint(encode_srgb(np.linspace(0.0, 1.0, most + 1))).astype(np.uint8)
+    return levels[mean]
 
 
 def _found(image: Image, sensor: SensorDesign) -> Fitting:

@@ -166,7 +166,7 @@ def estimate_source(
     opened = open_tracking(
         rest,
         source,
-        find=lambda _, __: palette,
+        find=lambda *_: palette,
         tracker=tracker,
         noise=noise,
         fps=fps,

@@ -13,7 +13,7 @@ from ..sources.picture_files import is_picture, read_picture
 from ..sources.source import SUFFIXES, ValueRange
 from ..stored_pictures import MEGAPIXELS, Image, kind_of, unread_kind
 from ..tracking import AUTO_PALETTE, Markers, Palette, detect_markers, join_layers
-from .any_size import Fitting, fitting
+from .any_size import Fitting, reduction
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 
 
@@ -69,10 +69,12 @@ def list_markers(
     image = read_picture(path, max_megapixels, value_range)
     find = finder(palette, within)
     with located(f"picture {path}"):
-        fitted = fitting(image, None)
+        fitted = reduction(image, enough=1_250_000, least_radius=2.5)
         reduced = fitted(image)
-        colours = find(reduced, image.shape[:2])
-        layers = [_original(markers, fitted) for markers in detect_markers(reduced, colours)]
+        colours = find(reduced, image.shape[:2], fitted.seen)
+        fine = fitted.fine()
+        found = detect_markers(reduced, colours, fine(image) if fitted.finer > 1 else None)
+        layers = [_original(markers, fine) for markers in found]
     if not any(len(markers.area) for markers in layers):
         raise UserError(f"picture {path}: no markers found in {' or '.join(colours.names)}")
     told = assumed(palette, colours, within, round(1.0 / fitted.scale))

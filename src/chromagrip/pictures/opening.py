@@ -106,7 +106,7 @@ def open_tracking(
         tell("markers at rest")
         still = [replace(frame, image=fitted(frame.image)) for frame in still]
         with located(place):
-            palette = find(_mean(still), shape)
+            palette = find(_mean(still), shape, fitted.seen)
             start = read_rest(still, palette)
         with blaming(f"tracker {name!r} failed", SystemExit):
             made = make(palette, noise)

@@ -122,7 +122,7 @@ def _judged(found: Resting, find: Find, fitted: Callable[[Image], Image]) -> Res
         return found
     with suppress(UserError):  # what moves beside the sensor does not count, if it can be found
         middle = median(images)
-        seen = find(fitted(middle), middle.shape[:2]).seen
+        seen = find(fitted(middle), middle.shape[:2], None).seen
         wrong = unlike([*map(fitted, images)], None if seen is None else seen.field)
     left_out = tuple(
         LeftOut(frame=k, name=found.name(k), because=word) for k, word in wrong.items()
@@ -206,7 +206,7 @@ def _most_exact(
             continue
         try:
             image = fitted(frame.image)
-            palette = find(image, frame.image.shape[:2])
+            palette = find(image, frame.image.shape[:2], None)
             if len(palette.names) < 2:
                 alone = palette.names[0]
                 continue

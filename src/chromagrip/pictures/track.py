@@ -17,7 +17,7 @@ from ..render import Frame
 from ..sources import FrameSource
 from ..sources.source import ValueRange
 from ..stored_pictures import MEGAPIXELS
-from ..tracking import AUTO_PALETTE, Tracks
+from ..tracking import AUTO_PALETTE, Edge, Tracks
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 from .following import Add, Came, Course, Outcome, Progress, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
@@ -33,12 +33,18 @@ def files_lacking() -> list[str]:
     return lacking("tracks.csv", OVERLAY)
 
 
+#: Reasons why a marker is not followed.
+_CUT = "cut by the edge of the field"
+_UNLIKE = "unlike the others to this tracker; detect follows any form"
+
+
 class NotFollowed(TypedDict):
-    """A marker that was seen at rest and is not followed."""
+    """A marker that was seen at rest and is not followed, and why."""
 
     layer: str
     x_px: float
     y_px: float
+    reason: str
 
 
 class TrackSummary(Assumed, Setup, Course):
@@ -123,12 +129,15 @@ def _summary(opened: Opened, known: Assumed, course: Course) -> TrackSummary:
 
 
 def _not_followed(opened: Opened) -> list[NotFollowed]:
-    places = zip(opened.palette.names, dropped(opened.start, opened.resting), strict=True)
-    return [
-        {"layer": name, "x_px": round(x, 2), "y_px": round(y, 2)}
-        for name, at in places
-        for x, y in opened.fitted.original(at).tolist()
-    ]
+    found: list[NotFollowed] = []
+    for name, at in zip(opened.palette.names, dropped(opened.start, opened.resting), strict=True):
+        cut = Edge.of_rest(opened.start, opened.palette, at).cut
+        for (x, y), edge in zip(opened.fitted.original(at).tolist(), cut.tolist(), strict=True):
+            reason = _CUT if edge else _UNLIKE
+            found.append(
+                {"layer": name, "x_px": round(x, 2), "y_px": round(y, 2), "reason": reason}
+            )
+    return found
 
 
 def _original(tracks: Tracks, opened: Opened) -> Tracks:

@@ -317,8 +317,8 @@ def _sensors(c: Conditions) -> tuple[SensorDesign, SensorDesign]:
 def _with_crosstalk(sensor: SensorDesign, share: float) -> SensorDesign:
     if not share:
         return sensor
-    red, _, blue = sensor.yellow.transmittance
-    return replace(sensor, yellow=replace(sensor.yellow, transmittance=(red, 1.0 - share, blue)))
+    red, _, blue = sensor.inner.transmittance
+    return replace(sensor, yellow=replace(sensor.inner, transmittance=(red, 1.0 - share, blue)))
 
 
 def _vanished(missing: NDArray[np.bool_], share: float) -> NDArray[np.bool_]:

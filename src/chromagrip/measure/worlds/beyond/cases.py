@@ -204,9 +204,9 @@ def layers(rng: Random, index: int) -> Case:
     change = msgspec.structs.replace
     magenta = change(sensor.magenta, depth_mm=outer * sensor.magenta.depth_mm)
     yellow = change(
-        sensor.yellow,
-        depth_mm=inner * sensor.yellow.depth_mm,
-        follow=follow * sensor.yellow.follow,
+        sensor.inner,
+        depth_mm=inner * sensor.inner.depth_mm,
+        follow=follow * sensor.inner.follow,
     )
     return _with_sensor(change(sensor, magenta=magenta, yellow=yellow), kind)
 

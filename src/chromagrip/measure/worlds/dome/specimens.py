@@ -113,7 +113,7 @@ def mismatched(name: str, index: int) -> Specimen:
     thickness = 1e3 * dome.thickness * (1.0 + off["thickness"])
     inner = thickness
     if yellow_moves(nominal):
-        inner = nominal.yellow.depth_mm + math.copysign(off["depth_mm"], off["roll_deg"])
+        inner = nominal.inner.depth_mm + math.copysign(off["depth_mm"], off["roll_deg"])
     sensor = replace(
         nominal,
         silicone=replace(
@@ -124,7 +124,7 @@ def mismatched(name: str, index: int) -> Specimen:
             pitch_mm=1e3 * dome.spacing * _FINER,
         ),
         magenta=replace(nominal.magenta, depth_mm=nominal.magenta.depth_mm + off["depth_mm"]),
-        yellow=replace(nominal.yellow, depth_mm=inner),
+        yellow=replace(nominal.inner, depth_mm=inner),
         camera=replace(
             camera,
             centre_px=(
