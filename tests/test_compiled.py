@@ -69,6 +69,7 @@ def test_a_folder_that_is_chosen_is_used(run: Run, tmp_path: Path) -> None:
     assert kept(tmp_path / "chosen/chromagrip/kernels") == 2
 
 
+@pytest.mark.slow
 def test_a_chosen_folder_that_cannot_be_written_is_said(run: Run, tmp_path: Path) -> None:
     lost = tmp_path / "code/kernel.py"  # a file, which nobody can write into as a folder
     for _ in range(2):
@@ -77,6 +78,7 @@ def test_a_chosen_folder_that_cannot_be_written_is_said(run: Run, tmp_path: Path
         assert "compiled at each start" in sentence
 
 
+@pytest.mark.slow
 def test_a_package_that_cannot_be_written_is_said(run: Run, tmp_path: Path) -> None:
     (tmp_path / "code/__pycache__").write_text("no folder")
     (sentence,) = run().stderr.splitlines()
@@ -85,6 +87,7 @@ def test_a_package_that_cannot_be_written_is_said(run: Run, tmp_path: Path) -> N
     assert kept(tmp_path / "user") == 2
 
 
+@pytest.mark.slow
 def test_nothing_that_can_be_written_is_said(run: Run, tmp_path: Path) -> None:
     (tmp_path / "code/__pycache__").write_text("no folder")
     for _ in range(2):
@@ -93,6 +96,7 @@ def test_nothing_that_can_be_written_is_said(run: Run, tmp_path: Path) -> None:
         assert "set NUMBA_CACHE_DIR to a folder that can be written" in sentence
 
 
+@pytest.mark.slow
 def test_a_process_is_cold_that_finds_no_kernel(run: Run, tmp_path: Path) -> None:
     kernel = tmp_path / "code/kernel.py"
     kernel.write_text(kernel.read_text() + "import sys\nprint(compiled.cold(), file=sys.stderr)\n")

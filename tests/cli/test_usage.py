@@ -368,6 +368,7 @@ class Telling:
 """
 
 
+@pytest.mark.slow
 def test_a_terminated_run_keeps_its_results_and_says_so(tmp_path: Path) -> None:
     """Terminated once its controller has left a sign that the run has begun."""
     (tmp_path / "telling.py").write_text(TELLING, encoding="utf-8")

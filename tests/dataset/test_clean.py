@@ -173,6 +173,7 @@ def test_workers_shards_and_kills_change_no_byte(
     assert bytes_of(tmp_path / "killed") == expected
 
 
+@pytest.mark.slow
 def test_another_store_is_another_dataset(both: tuple[Path, Path], tmp_path: Path) -> None:
     shutil.copytree(both[1], tmp_path / "clean")
     with pytest.raises(UserError, match="holds a dataset of another recipe"):

@@ -78,6 +78,7 @@ def test_an_address_holds_what_a_folder_does(bucket: str, tmp_path: Path) -> Non
     assert {name.split("/")[0] for name in _files(f"{bucket}-tar")} == {"train", "test"}
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_from_what_is_there(bucket: str, tmp_path: Path) -> None:
     make(TINY, tmp_path / "here")
 

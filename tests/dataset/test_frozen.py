@@ -157,6 +157,7 @@ def test_a_benchmark_of_other_pictures_is_refused(
         check(two)
 
 
+@pytest.mark.slow
 def test_recipes_that_are_not_frozen_have_no_seal(two: Path) -> None:
     assert frozen_as(load_recipe("tiny")) is None
     assert frozen_as(replace(BENCHMARK, seed=3)) is None

@@ -116,6 +116,7 @@ def test_frames_without_contact_end_a_way(run: History) -> None:
     assert not reading._filter.misfits
 
 
+@pytest.mark.slow
 def test_a_way_that_no_contact_explains_is_doubted(run: History) -> None:
     """Every other frame shows the skin as it would be under the opposite load.
 
@@ -220,6 +221,7 @@ def test_combining_members_is_the_analysis_of_a_linear_filter() -> None:
     mean, apart = before.mean(axis=0), before - before.mean(axis=0)
     covariance = apart.T @ apart / 7.0
     gain = covariance @ slopes.T @ np.linalg.inv(slopes @ covariance @ slopes.T + np.eye(40))
+    whole.misfits.append(0.0)
     whole._assimilate(whole.ensemble, seen - before @ slopes.T, 1.0)
     np.testing.assert_allclose(
         whole.constants.mean(axis=0), mean + gain @ (seen - slopes @ mean), rtol=1e-9
