@@ -249,6 +249,7 @@ def test_an_interrupted_run_keeps_what_it_had(
                 "flat-2019",
                 "fovea",
                 "thesis",
+                *("digit-dots", "gelsight-mini", "tactip"),
             ],
         ),
         (
