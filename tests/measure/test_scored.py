@@ -259,6 +259,7 @@ def test_shifted_frames_are_said_at_the_terminal_and_in_the_files(
     [
         ("a.txt", "", "expected a file that ends in .parquet, .csv, .npz"),
         ("a.csv", "frame,x,y\n0,1,2\n", "has no column marker or point or particle or"),
+        ("a.csv", "frame;marker;x;y\n0;1;2;3\n", "separated by semicolons; expected commas"),
         ("a.csv", "frame,id,x,y\n", "has no row"),
         ("a.csv", "frame,id,x,y\n0,1,2,2\n0,2,far,2\n", "a.csv: row 2, column x: 'far' is no num"),
         ("a.csv", "frame,id,x,y\n0,1.5,2,2\n", "row 1, column id: '1.5' is no whole number"),

@@ -221,3 +221,11 @@ def test_a_wide_stack_is_tracked(typed: Typed, tmp_path: Path) -> None:
     assert len(found) == len(places)
     away = np.linalg.norm(found[:, None] - places, axis=-1).min(axis=0)
     assert away.max() < 0.3
+
+
+def test_a_folder_with_each_frame_twice_is_refused(tmp_path: Path) -> None:
+    for k in range(2):
+        for suffix in (".png", ".jpg"):
+            Image.new("RGB", (32, 24), (200, 200, 200)).save(tmp_path / f"f_{k}{suffix}")
+    with pytest.raises(UserError, match=r"has f_0 as pictures of two kinds; give one of them"):
+        open_source(str(tmp_path))

@@ -1,6 +1,7 @@
 """Frames from pictures: a file, a folder of them, or a pattern of files."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from glob import glob
 from pathlib import Path
@@ -101,6 +102,13 @@ def _files(name: str, without: Path | None) -> tuple[list[Path], list[Path]]:
         files = [p for p in files if p.stem.lower() != "rest"] or files
     if not files:
         raise UserError(f"{place} has no pictures but {without}")
+    times = Counter(p.stem for p in files)
+    twice = next((p for p in sorted(files, key=_natural) if times[p.stem] > 1), None)
+    if path.is_dir() and twice is not None:
+        raise UserError(
+            f"{place} has {twice.stem} as pictures of two kinds; give one of them, such as "
+            f"'{path}/*{twice.suffix}'"
+        )
     return sorted(files, key=_natural), there
 
 

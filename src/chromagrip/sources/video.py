@@ -49,16 +49,14 @@ def _open_video(path: Path, max_megapixels: float) -> "Iterator[av.container.Inp
         most = {"max_pixels": str(round(1e6 * max_megapixels))}  # also where sizes change later
         container = av.open(str(path), options=most, metadata_errors="ignore")
     except av.FFmpegError as error:
-        raise UserError(
-            f"{path} cannot be read as a video: {_reason(error)}; give {KINDS}"
-        ) from None
+        raise UserError(f"{path} cannot be read as a video: {_reason(error)}; {KINDS}") from None
     with container:
         # FFmpeg reads any text as a recording of a terminal.
         if not container.streams.video or container.format.name == "tty":
-            raise UserError(f"{path} has no video in it; give {KINDS}")
+            raise UserError(f"{path} has no video in it; {KINDS}")
         coded = container.streams.video[0].codec_context
         if coded is None:
-            raise UserError(f"{path} holds a video of an unknown kind; give {KINDS}")
+            raise UserError(f"{path} holds a video of an unknown kind; {KINDS}")
         if not coded.width:  # FFmpeg took none that is too large
             raise UserError(
                 f"video {path} names no size, or has pictures of more than {max_megapixels:g} "

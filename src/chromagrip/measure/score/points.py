@@ -149,6 +149,9 @@ def _called(names: Iterable[str]) -> dict[str, str]:
     }
     for name in _NEEDED:
         if name not in called:
+            if len(names) == 1 and (other := next((c for c in ";\t" if c in names[0]), "")):
+                separated = "tabs" if other == "\t" else "semicolons"
+                raise UserError(f"its columns are separated by {separated}; expected commas")
             raise UserError(f"it has no column {' or '.join(_COLUMNS[name])}")
     return called
 
