@@ -282,9 +282,8 @@ def copies_of(
     UserError
         When the fingertip does not enter a hollow.
     """
-    radius = 1.0 / np.where(curvature == 0.0, np.inf, curvature)
     x, z = fingertip.rest_positions().T
-    if (np.abs(radius[radius < 0.0]) < abs(x).max()).any():
+    if (curvature * abs(x).max() < -1.0).any():
         raise UserError("a fingertip is too wide for a hollow object of this curvature")
     # A circle in a form that does not lose a small curvature; nodes beside it never touch.
     bend = curvature[:, None] * x

@@ -150,10 +150,8 @@ class WaySettings:
     size, size_share: the same of a log size
     touched, left: mean square of the whitened shifts above which something touches, and below which
         it is gone
-    moved: root mean square of the whitened motion of the markers that move most, since the last
-        frame, above which a frame counts
-    still: number of frames of which one counts though nothing moves
-    quiet: such a motion of noise alone
+    quiet: root mean square of the whitened motion, since the last frame, of the markers that move
+        most, by noise alone
     full: motion at which a frame has its full weight
     first_dt: time that the first frame stands for [s]
     noise: factor on the noise of places above which the skin is stirred
@@ -162,8 +160,7 @@ class WaySettings:
     first_force: ΣFn from which on the way answers [N]
     told: number of frames from which on it does
     misfit: largest mean squared residual of markers of an explained way
-    usual_misfit: up to which errors are those below
-    doubt: standard deviation of Γ for each unit of misfit above that
+    doubt: standard deviation of Γ for each unit of misfit above the filter's usual one
     remembered: number of frames over which the misfit is averaged
     margin_error, normal_error, friction_error: standard deviations of Γ, ΣFn (share) and ΣFf [N]
         beside the spread of the members
@@ -179,8 +176,6 @@ class WaySettings:
     size_share: float = 0.03
     touched: float = 0.8
     left: float = 0.4
-    moved: float = 0.0
-    still: int = 6
     quiet: float = 0.9
     full: float = 3.0
     first_dt: float = 0.01
@@ -190,7 +185,6 @@ class WaySettings:
     first_force: float = 0.1
     told: int = 8
     misfit: float = 1.2
-    usual_misfit: float = 0.2
     doubt: float = 0.5
     remembered: int = 20
     margin_error: float = 0.006

@@ -72,8 +72,7 @@ class WayReading:
         self._filter.reset()
         self._frames: list[WayFrame] = []
         self._last: Shifts | None = None
-        self._before: Shifts | None = None
-        self._time, self._still = 0.0, 0
+        self._time = 0.0
 
     def update(self, tracks: Tracks) -> ForceField:
         """Estimate the force field of a frame.
@@ -93,8 +92,9 @@ class WayReading:
             azimuth = 0.0 if field.plane is None else field.plane.azimuth
         try:
             self._follow(*self._read(tracks), tracks.time, azimuth)
-        except NoEstimateError as error:
-            reason = reason or str(error)
+        except NoEstimateError:  # too few markers to follow; what the way told is of another frame
+            if field is not None:
+                return field
         if field is None:
             raise NoEstimateError(reason)
         return self._told(field)
@@ -118,7 +118,7 @@ class WayReading:
         return Shifts(values=values, whiten=whiten, used=certain, settings=limits), noise
 
     def _follow(self, shifts: Shifts, noise: float, time: float, azimuth: float | None) -> None:
-        """Follow a frame if enough has moved.
+        """Follow a frame.
 
         Parameters
         ----------
@@ -130,15 +130,10 @@ class WayReading:
         if seen < (settings.touched if last is None else settings.left):
             self._forget()
             return
-        moved = _places_moved(self._before, shifts)
-        # The skin was still until the picture before.
         dt = settings.first_dt if last is None else max(time - self._time, 1e-3)
-        self._before, self._time = shifts, time
+        self._last, self._time = shifts, time
+        moved = _places_moved(last, shifts)
         motion = math.inf if last is None else _motion(last, shifts)
-        self._still += 1
-        if motion < settings.moved and self._still < settings.still:
-            return
-        self._last, self._still = shifts, 0
         noise *= settings.noise * math.sqrt(2.0)
         frame = WayFrame(
             dt=dt,
@@ -178,7 +173,7 @@ class WayReading:
                 "no contact with a round or flat object of one friction explains the way of the "
                 "markers"
             )
-        doubt = settings.doubt * max(misfit - settings.usual_misfit, 0.0)
+        doubt = settings.doubt * max(misfit - settings.filter.usual_misfit, 0.0)
         errors = np.array([settings.normal_error * told[0], settings.friction_error])
         scale = told[0] * np.array([1.0, told[2]])  # errors of sums that change Γ by as much as 1
         errors = np.sqrt(errors**2 + each[:, :2].var(axis=0) + (doubt * scale) ** 2)
