@@ -34,6 +34,8 @@ _NUDGE, _UNIT = 4e-6, 1e-6
 _FOCUS = 5e-3
 #: Member whose slopes count for all, by its loss.
 _TYPICAL = 0.25
+#: Number of misfits that are kept, so that a long contact costs no more in each frame.
+_KEPT = 2000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +89,7 @@ class WayFilter:
     ----------
     constants: constants of each member, shape (B, C)
     ensemble: their states
-    misfits: mean squared residual of the members' mean, of each frame
+    misfits: mean squared residual of the members' mean, of each of the last frames
     """
 
     def __init__(
@@ -138,6 +140,7 @@ class WayFilter:
         ensemble, left = self._replace_lost(ensemble, left, solved)
         mean = left.mean(axis=0)
         self.misfits.append(float(mean @ mean) / frame.shifts.count)
+        del self.misfits[:-_KEPT]
         self._assimilate(ensemble, left, frame.weight)
 
     def values(self) -> Array:
