@@ -345,7 +345,15 @@ def _detect(
             ground = estimate_ground(linear, plain, scale)
             densities = dye_densities(linear, ground, matrix)
     spots = [find_spots(density, field, True, palette.spots) for density in densities]
-    if not any(len(layer.area) for layer in spots):
+    most, sighted = max(len(layer.area) for layer in spots), 0
+    if palette.seen is not None:
+        sighted = len(palette.seen.position)
+    if most < sighted / 2:
+        raise UserError(
+            f"{most} of the {sighted} dots in the image stand out from what is around them; "
+            "wanted: dots with plain ground between them"
+        )
+    if not most:
         raise UserError(
             f"no markers found: nothing in the image has the colours of the palette's "
             f"{' and '.join(palette.names)}"

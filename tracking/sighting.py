@@ -6,7 +6,6 @@ need not be known. Surroundings, a frame, lamps or a label do not repeat like th
 """
 
 import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -16,10 +15,12 @@ import scipy
 from numpy.typing import NDArray
 
 from ..errors import UserError
+from .round_regions import RegionSettings, contrasts, round_regions
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
+_REGIONS = RegionSettings()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,14 +31,7 @@ class SightSettings:
     ----------
     longest_side: longer side to which larger pictures are reduced [px]
     smallest_side: smallest allowed shorter side of a picture [px]
-    calm: blur before regions are searched, so that noise does not split them [px]
-    stable: number of grey levels over which a region must be stable
-    smallest_pixels: smallest area of a marker [px²]
-    largest_share: largest share of the picture that a marker covers
-    filled: smallest area of a region over that of its ellipse of inertia
-    longest: largest ratio of the axes of that ellipse
-    same_centre: distance below which regions are one spot at several thresholds [radii]
-    same_area: factor between the areas of such regions
+    regions: those of round regions
     faintest: smallest contrast of a spot [grey levels]
     as_large, as_strong: largest ratios of the areas and of the contrasts of neighbours
     kinds_large, kinds_furthest: the same ratio and distance where markers are of several kinds
@@ -47,6 +41,8 @@ class SightSettings:
     clear: smallest median of contrast over standard deviation of the light inside and around a spot
     uneven: largest standard deviation of the distance to the nearest neighbour over its mean;
         random points have 0.52
+    uneven_dense: the same where spots are packed
+    packed: largest distance of packed spots [radii], whose areas differ by `packed_size` at most
     unlike: largest standard deviation of the logarithm of the areas; random radii within a factor
         of two have 0.4
     row: smallest standard deviation of positions along the pattern's short axis [pitches]
@@ -60,14 +56,7 @@ class SightSettings:
 
     longest_side: int = 1280
     smallest_side: int = 16
-    calm: float = 0.7
-    stable: int = 6
-    smallest_pixels: int = 9
-    largest_share: float = 1.0 / 25.0
-    filled: float = 0.87
-    longest: float = 2.5
-    same_centre: float = 0.6
-    same_area: float = 2.5
+    regions: RegionSettings = _REGIONS
     faintest: float = 8.0
     as_large: float = 4.5
     as_strong: float = 2.5
@@ -78,6 +67,9 @@ class SightSettings:
     fewest: int = 11
     clear: float = 4.0
     uneven: float = 0.3
+    uneven_dense: float = 0.12
+    packed: float = 3.0
+    packed_size: float = 1.5
     unlike: float = 0.65
     row: float = 0.6
     margin: float = 0.75
@@ -98,6 +90,7 @@ class Spots(NamedTuple):
     area: areas [px²], shape (n,)
     clear: median contrast over the standard deviation of the light inside and around them
     pitch: typical distance to the nearest other spot [px]
+    dense: whether there is hardly more ground than spots, so that more regular ones are wanted
     """
 
     channel: int
@@ -106,6 +99,7 @@ class Spots(NamedTuple):
     area: Array
     clear: float
     pitch: float
+    dense: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,6 +175,7 @@ def sight(
     if not found:
         raise UserError("no regular marker pattern found in the picture")
     best = max(found, key=lambda s: len(s.area) * s.clear)
+    best = next((s for s in found if _between(best, s)), best)
     alike = [s for s in found if s.bright == best.bright]
     middle, half = (scale - 1.0) / 2.0, settings.margin * best.pitch * scale
     places = np.concatenate([s.position * scale + middle for s in alike])
@@ -206,21 +201,29 @@ def _channels(image: Image, faintest: float) -> list[int]:
 def _patterns(image: Image, channel: int, settings: SightSettings) -> list[Spots]:
     """Find the largest group of similar spots of each sign of contrast in a channel."""
     light = np.ascontiguousarray(image[..., channel])
-    position, area = _regions(light, settings)
-    contrast, rough = _contrasts(light, position, area)
+    position, area = round_regions(light, settings.regions)
+    packed = _packed(position, area, settings)
     found = []
-    for bright, kinds in itertools.product((False, True), (False, True)):
-        some = contrast > settings.faintest if bright else contrast < -settings.faintest
-        some[some] = _alike(position[some], area[some], abs(contrast[some]), kinds, settings)
-        if kinds and some.any():
-            kind, size = _kinds(area[some]), area[some]
-            common = size[kind >= 0] if kind.max() > 0 else np.zeros(1)
-            some[some] = (size >= common.min()) & (size <= common.max())
-        if some.sum() < settings.fewest:
-            continue
-        clear = float(np.median(abs(contrast[some]) / rough[some]))
-        found.append(Spots(channel, bright, position[some], area[some], clear, 0.0))
+    for dense, there in ((False, np.ones_like(packed)), (True, packed)):
+        at, size = position[there], area[there]
+        contrast, rough = contrasts(light, at, size, dense)
+        for bright, kinds in itertools.product((False, True), (False,) if dense else (False, True)):
+            some = contrast > settings.faintest if bright else contrast < -settings.faintest
+            some[some] = _alike(at[some], size[some], abs(contrast[some]), kinds, settings)
+            if kinds and some.any():
+                some[some] = _of_a_kind(size[some])
+            if some.sum() < settings.fewest:
+                continue
+            clear = float(np.median(abs(contrast[some]) / rough[some]))
+            found.append(Spots(channel, bright, at[some], size[some], clear, 0.0, dense))
     return [spots._replace(pitch=_pitch(spots.position)) for spots in found]
+
+
+def _of_a_kind(areas: Array) -> Mask:
+    """Mask (n,) of the spots between the smallest and the largest common size, if any is common."""
+    kind = _kinds(areas)
+    common = areas[kind >= 0] if kind.max() > 0 else np.zeros(1)
+    return np.asarray((areas >= common.min()) & (areas <= common.max()))
 
 
 def _kinds(areas: Array, gap: float = 1.4, few: float = 0.05) -> NDArray[np.intp]:
@@ -248,6 +251,28 @@ def _nearest(position: Array) -> Array:
     return np.asarray(scipy.spatial.KDTree(position).query(position, k=2)[0])[:, 1]
 
 
+def _packed(position: Array, area: Array, settings: SightSettings) -> Mask:
+    """Mask (n,) of spots whose nearest one of their size is hardly further than their width."""
+    if len(area) < 3:
+        return np.zeros(len(area), dtype=bool)
+    near = min(settings.neighbours + 1, len(area))
+    apart, other = (
+        np.asarray(v)[:, 1:] for v in scipy.spatial.KDTree(position).query(position, k=near)
+    )
+    close = apart < settings.packed * np.sqrt(area / np.pi)[:, None]
+    return (close & (abs(np.log(area[:, None] / area[other])) < np.log(settings.packed_size))).any(
+        axis=1
+    )
+
+
+def _between(spots: Spots, other: Spots) -> bool:
+    """Whether spots are but what is seen of the ground between larger ones."""
+    if spots.bright == other.bright or np.median(spots.area) >= np.median(other.area):
+        return False
+    apart = np.asarray(scipy.spatial.KDTree(other.position).query(spots.position)[0])
+    return bool(np.median(apart) < 1.1 * np.sqrt(0.5) * other.pitch)
+
+
 def _is_pattern(spots: Spots, settings: SightSettings) -> bool:
     """Whether spots have clear contrast, regular distances and similar sizes, and cover an area."""
     if len(spots.area) < settings.fewest or spots.clear < settings.clear:
@@ -255,7 +280,7 @@ def _is_pattern(spots: Spots, settings: SightSettings) -> bool:
     apart = _nearest(spots.position)
     # Markers cover a surface; letters stand in a row.
     narrow = np.sqrt(np.linalg.eigvalsh(np.cov(spots.position.T))[0])
-    even = apart.std() < settings.uneven * apart.mean()
+    even = apart.std() < (settings.uneven_dense if spots.dense else settings.uneven) * apart.mean()
     kind, size = _kinds(spots.area), np.log(spots.area)
     means = [size[kind == k].mean() for k in range(kind.max() + 1)]
     even = even and (size - np.append(means, size.mean())[kind]).std() < settings.unlike
@@ -270,100 +295,6 @@ def _inside(spots: Spots, within: Mask, scale: float) -> Spots:
         return spots._replace(position=np.empty((0, 2)), area=np.empty(0))
     position = spots.position[some]
     return spots._replace(position=position, area=spots.area[some], pitch=_pitch(position))
-
-
-def _regions(light: Image, settings: SightSettings) -> tuple[Array, Array]:
-    """Centres (n, 2) and areas (n,) of n round regions that are stable over thresholds (MSER)."""
-    calm = np.asarray(cv2.GaussianBlur(light, (0, 0), settings.calm))
-    largest = int(settings.largest_share * light.size)
-    # OpenCV 4 ignores the least diversity of nested regions, 5 does not: `_unnested` thins them.
-    mser = cv2.MSER.create(settings.stable, settings.smallest_pixels, largest, 0.5, 0.0)
-    regions: Any = mser.detectRegions(calm)[0]
-    if len(regions) == 0:
-        return np.empty((0, 2)), np.empty(0)
-    area = np.array([len(region) for region in regions], dtype=float)
-    # Some regions at once: nested ones have many times the picture's pixels.
-    starts = np.flatnonzero(np.diff(np.cumsum(area) // 1e6, prepend=-1.0))
-    bounds = itertools.pairwise([*starts, len(area)])
-    ways = [_ellipses(regions[i:j]) for i, j in bounds]
-    centre, (long, short) = np.concatenate([w[0] for w in ways]), np.hstack([w[1] for w in ways])
-    filled = area > settings.filled * 4.0 * np.pi * np.sqrt(long * short)
-    round_ = filled & (long < settings.longest**2 * short)
-    centre, area = centre[round_], area[round_]
-    kept = _unnested(centre, area, settings)
-    return centre[kept], area[kept]
-
-
-def _ellipses(regions: Any) -> tuple[Array, Array]:
-    """Centres (n, 2) of regions, and inertia along both axes of their ellipses (2, n)."""
-    area = np.array([len(region) for region in regions])
-    first = np.cumsum(area) - area
-    x, y = np.concatenate(regions).T.astype(np.int64)
-    # Sums of whole numbers are exact.
-    mean_x, mean_y, xx, yy, xy = (
-        np.add.reduceat(v, first) / area for v in (x, y, x * x, y * y, x * y)
-    )
-    # The inertia of a pixel itself, a square, is 1/12.
-    xx, yy, xy = xx - mean_x**2 + 1.0 / 12.0, yy - mean_y**2 + 1.0 / 12.0, xy - mean_x * mean_y
-    middle, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    centre = np.stack([mean_x, mean_y], axis=-1)
-    return centre, np.stack([middle + apart, np.maximum(middle - apart, 1e-9)])
-
-
-def _unnested(centre: Array, area: Array, settings: SightSettings) -> list[int]:
-    """Indices of one region per spot: of nested regions the one of median area."""
-    if len(area) == 0:
-        return []
-    tree, radius = scipy.spatial.KDTree(centre), np.sqrt(area / np.pi)
-    around = tree.query_ball_point(centre, settings.same_centre * radius)
-    used, kept = np.zeros(len(area), dtype=bool), []
-    for i in np.argsort([-len(near) for near in around], kind="stable"):
-        if used[i]:
-            continue
-        near = np.array([j for j in around[i] if not used[j]])
-        same = near[abs(np.log(area[near] / area[i])) < np.log(settings.same_area)]
-        used[near] = True
-        kept.append(int(same[np.argsort(area[same], kind="stable")[len(same) // 2]]))
-    return kept
-
-
-def _contrasts(light: Image, position: Array, area: Array) -> tuple[Array, Array]:
-    """Mean level inside spots minus that around them, and its deviation, (n,) [grey levels]."""
-    contrast, rough, radius = np.zeros(len(area)), np.ones(len(area)), np.sqrt(area / np.pi)
-    reach = (1.8 * radius + 3.0).astype(int)
-    around, outside = int(reach.max(initial=0)), 256  # level of what is not in the picture
-    padded = np.pad(light.astype(np.int16), around, constant_values=outside)
-    for spots in _parts(reach):
-        own, side = radius[spots, None], np.arange(-reach[spots[0]], reach[spots[0]] + 1)
-        middle = position[spots].astype(int)
-        (cols, rows), (x, y) = middle.T[..., None] + side, position[spots].T[..., None]
-        level = padded[rows[..., None] + around, cols[:, None] + around].reshape(len(spots), -1)
-        apart = np.hypot((cols - x)[:, None], (rows - y)[..., None]).reshape(level.shape)
-        inside = (apart < 0.7 * own + 0.5) & (level < outside)
-        beside = (apart > 1.35 * own + 1.0) & (apart < 1.8 * own + 2.0) & (level < outside)
-        count = beside.sum(axis=1)
-        order, each = np.sort(np.where(beside, level, outside), axis=1), np.arange(len(spots))
-        ground = 0.5 * (order[each, np.maximum(count - 1, 0) // 2] + order[each, count // 2])
-        (mean, spread), (_, ground_spread) = (_moments(level, some) for some in (inside, beside))
-        contrast[spots] = np.where(count > 0, mean - ground, 0.0)
-        # Rounding is noise too.
-        noisy = np.sqrt(0.5 * (spread + ground_spread) + 1.0)
-        rough[spots] = np.where(count > 0, noisy, 1.0)
-    return contrast, rough
-
-
-def _parts(reach: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
-    """Indices of spots with windows of one size, as many as are read at once."""
-    for one in np.unique(reach):
-        alike = np.flatnonzero(reach == one)
-        yield from np.array_split(alike, 1 + len(alike) * (2 * one + 1) ** 2 // 1_000_000)
-
-
-def _moments(level: NDArray[np.int16], some: Mask) -> tuple[Array, Array]:
-    """Mean and variance of some of the levels in each of n windows, (n,)."""
-    count, value = np.maximum(some.sum(axis=1), 1), np.where(some, level, 0).astype(float)
-    mean = value.sum(axis=1) / count
-    return mean, (value**2).sum(axis=1) / count - mean**2
 
 
 def _alike(

@@ -122,6 +122,42 @@ def test_sizes_may_scatter_by_a_factor_of_two(
     assert seen.field[y, x].all()
 
 
+@settings(max_examples=20)
+@given(
+    radius=st.floats(5.0, 9.0),
+    apart=st.floats(2.05, 2.8),
+    staggered=st.booleans(),
+    colours=st.sampled_from([COLOURS[0], COLOURS[1], COLOURS[4]]),
+)
+def test_the_ground_between_dense_dots_is_not_taken_for_dots(
+    radius: float, apart: float, staggered: bool, colours: tuple[Light, Light]
+) -> None:
+    pitch = apart * radius
+    up = pitch * np.sqrt(0.75) if staggered else pitch
+    places = np.array(
+        [
+            ((k + 0.8 + 0.5 * (n % 2) * staggered) * pitch, (n + 0.8) * up)
+            for n in range(int(HEIGHT / up) - 1)
+            for k in range(int(WIDTH / pitch) - 1)
+        ]
+    )
+    ground, marker = colours
+    wide = (apart - 2.0) * radius > 2.0  # between two dots [px], of which the blur leaves little
+    image = dotted(places, radius, ground, marker)
+    try:
+        found = detect_markers(image, learn_palette(image, sight(image)))[0].position
+    except UserError as error:
+        assert "ground between them" in str(error), error
+        assert not wide or ground < marker, error
+        return
+    wrong = KDTree(places).query(found)[0] > 0.4 * radius
+    # Two that touch may be taken for one, bright ones sooner: they are larger than they are dark.
+    assert wrong.mean() < (0.03 if ground > marker else 0.2)
+    if wide and ground > marker:
+        assert not wrong.any()
+        assert (KDTree(found).query(places)[0] < 0.2 * radius).mean() > 0.95
+
+
 def test_lamps_specks_and_a_label_beside_the_markers_are_none() -> None:
     """Lamps as round as markers, but larger, at the rim; specks; writing."""
     places = grid(24.0, reach=110.0)
