@@ -8,13 +8,14 @@ Both get only the pixels, the rest frames and the calibration.
 """
 
 from .detection import (
-    Edge,
     RestFrame,
+    check_told_apart,
     detect_markers,
     join_layers,
     read_rest,
     resting_ground,
 )
+from .edge import Edge
 from .fit import FitSettings, MarkerTracker
 from .forces import (
     AUTOMATIC,
@@ -89,6 +90,7 @@ __all__ = [
     "Tracks",
     "TractionSettings",
     "check_reconstructor",
+    "check_told_apart",
     "core_quantile",
     "detect_markers",
     "dye_densities",

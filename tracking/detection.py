@@ -1,8 +1,8 @@
 """Detection of markers in a single picture, and in a rest frame, from which all trackers start."""
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +13,7 @@ from ..errors import UserError
 from ..render import Frame, SensorDesign, inside_rim, pixel_places
 from .measured_spots import Levels, Markers, measured, measured_in_strips, over_ground
 from .palette import Palette
-from .spots import SpotSettings, find_spots, typical_area
+from .spots import Spots, SpotSettings, find_spots, typical_area
 from .unmixing import (
     AROUND,
     COLOURED,
@@ -103,6 +103,18 @@ def detect_markers(
     return _detect(image, palette, fine)[0]
 
 
+def check_told_apart(layers: Sequence[Markers | Spots], palette: Palette) -> None:
+    """Refuse the picture from which a palette was learned if few of its dots are told apart."""
+    found, dots = sum(len(layer.area) for layer in layers), 0
+    if palette.seen is not None:
+        dots = len(palette.seen.position)
+    if found < dots / 2:
+        raise UserError(
+            f"{found} of the {dots} dots in the image stand out from what is around them; wanted: "
+            "dots with plain ground between them"
+        )
+
+
 def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) -> list[Markers]:
     """Detect the markers of each layer in a later frame, with the ground of the rest frame.
 
@@ -128,63 +140,6 @@ def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) ->
     return measured(spots, image, over_ground(linear, ground, field), palette)
 
 
-@dataclass(frozen=True)
-class Edge:
-    """Edge of the field, which cuts the markers that move over it.
-
-    A tracker sees a part of such a disc, and places it too far inside.
-
-    Attributes
-    ----------
-    inside: distance of the middle of a marker from where the edge cuts it, positive if whole, shape
-        (H, W); of a known sensor, whose rim is modelled, from the edge itself [px]
-    rest: places at rest [px], shape (..., 2)
-    room: motion along x or y by which a marker certainly stays whole [px], shape (...); infinite
-        for those that are cut at rest, and may stay so
-    """
-
-    inside: Array
-    rest: Array
-    room: Array
-
-    @classmethod
-    def of_rest(cls, rest: RestFrame, palette: Palette, position: Array) -> "Edge":
-        """Edge of the field in a rest frame, in which the markers have positions (..., 2) [px]."""
-        field = (rest.ground[..., 0] > 0.0).astype(np.uint8)
-        blur = 2.0  # of an ordinary lens [px]
-        # The edge of the picture ends a field as well.
-        away: Any = cv2.distanceTransform(np.pad(field, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        least = float(rest.radii.max()) + blur if palette.sensor is None else 0.0
-        return cls(inside=away[1:-1, 1:-1] - least, rest=position, room=position).at_rest(position)
-
-    @property
-    def cut(self) -> NDArray[np.bool_]:
-        """Mask (...) of the markers that are cut at rest."""
-        return np.isinf(self.room)
-
-    def at_rest(self, position: Array) -> "Edge":
-        """The same edge with other positions (..., 2) of the markers at rest [px]."""
-        inside = _at_places(self.inside, position)
-        room = np.where(inside > 0.0, (inside - 1.5) / np.sqrt(2.0), np.inf)  # pixels are rounded
-        return Edge(inside=self.inside, rest=position, room=room)
-
-    def hidden(self, position: Array) -> NDArray[np.bool_]:
-        """Mask (...) of the markers that it cuts, though it did not at rest."""
-        moved = abs(position - self.rest)
-        far = np.maximum(moved[..., 0], moved[..., 1]) > self.room
-        return far & (_at_places(self.inside, position) <= 0.0) if far.any() else far
-
-
-def _at_places(values: Array, position: Array) -> Array:
-    """Values (H, W) at the nearest pixels of positions (..., 2), −1 where one is unknown."""
-    height, width = values.shape
-    known = np.asarray(np.isfinite(position).all(axis=-1))
-    x, y = np.moveaxis(np.rint(np.where(known[..., None], position, -1.0)).astype(int), -1, 0)
-    inside = known & (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    found = values[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
-    return np.asarray(np.where(inside, found, -1.0), dtype=float)
-
-
 def resting_ground(image: Levels, palette: Palette) -> Array:
     """Estimate the linear light of the skin without markers from one picture, (H, W, 3)."""
     return _detect(image, palette)[1].astype(float)
@@ -205,6 +160,7 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
         raise UserError(f"rest frames have different shapes: {sorted(shapes)}")
     mean = np.mean([frame.image for frame in rest], axis=0)
     layers, ground, field = _detect(mean, palette)
+    check_told_apart(layers, palette)
     counts = ", ".join(
         f"{len(layer.area)} {name}" for layer, name in zip(layers, palette.names, strict=True)
     )
@@ -345,15 +301,8 @@ def _detect(
             ground = estimate_ground(linear, plain, scale)
             densities = dye_densities(linear, ground, matrix)
     spots = [find_spots(density, field, True, palette.spots) for density in densities]
-    most, sighted = max(len(layer.area) for layer in spots), 0
-    if palette.seen is not None:
-        sighted = len(palette.seen.position)
-    if most < sighted / 2:
-        raise UserError(
-            f"{most} of the {sighted} dots in the image stand out from what is around them; "
-            "wanted: dots with plain ground between them"
-        )
-    if not most:
+    if not any(len(layer.area) for layer in spots):
+        check_told_apart(spots, palette)
         raise UserError(
             f"no markers found: nothing in the image has the colours of the palette's "
             f"{' and '.join(palette.names)}"

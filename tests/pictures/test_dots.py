@@ -150,3 +150,27 @@ def test_a_dot_that_is_not_followed_has_a_reason(tmp_path: Path) -> None:
         place = np.array([marker["x_px"], marker["y_px"]])
         assert np.linalg.norm(torn - place, axis=1).min() < 5.0
         assert "unlike the others" in marker["reason"]
+
+
+@pytest.mark.parametrize("corner", [(3.0, 2.0), (17.0, 1.0), (15.0, 5.0)])
+def test_dots_that_the_edge_of_the_picture_cuts_are_named(
+    corner: tuple[float, float], tmp_path: Path
+) -> None:
+    """Each dot is followed, or cut by the edge at rest and named."""
+    width, height = LARGE
+    rows, cols = np.arange(corner[1], height, 36.0), np.arange(corner[0], width, 36.0)
+    places = np.array([(x, y) for y in rows for x in cols])
+    radius = 6.0
+    for name in ("rest.png", "next.png"):
+        image = dotted(LARGE, places, np.full(len(places), radius))
+        cv2.imwrite(str(tmp_path / name), image[..., ::-1])
+    rest, source = str(tmp_path / "rest.png"), str(tmp_path / "next.png")
+    summary = track_source(rest, source, tracker="fit").summary
+    inside = np.minimum(places, np.array(LARGE) - 1.0 - places).min(axis=1)
+    lost = summary["not_followed"]
+    assert all("cut by the edge" in marker["reason"] for marker in lost)
+    at = np.array([(marker["x_px"], marker["y_px"]) for marker in lost])
+    away = KDTree(at).query(places)[0]
+    assert summary["layers"]["dark"]["markers"] + len(lost) >= (inside > 0.0).sum()
+    assert (away[(inside > 0.0) & (inside < 0.5 * radius)] < 0.7 * radius).all()
+    assert (away[inside > radius + 4.0] > radius).all()

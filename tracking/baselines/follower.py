@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ...render import Frame
-from ..detection import Edge, RestFrame, neighbours, read_rest
+from ..detection import RestFrame, neighbours, read_rest
 from ..doubt import Doubt, doubted
+from ..edge import Edge
 from ..fit.relocate import Relocator
 from ..palette import Palette
 from ..trackers import check_frame

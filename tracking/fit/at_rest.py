@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ...render import Frame
-from ..detection import Edge, RestFrame, read_rest
+from ..detection import RestFrame, read_rest
+from ..edge import Edge
 from ..palette import Palette
 from .compression import flat_blocks
 from .kernels.template_kernels import UNEVEN

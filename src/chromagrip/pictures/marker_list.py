@@ -12,7 +12,14 @@ from ..errors import UserError, located
 from ..sources.picture_files import is_picture, read_picture
 from ..sources.source import SUFFIXES, ValueRange
 from ..stored_pictures import MEGAPIXELS, Image, kind_of, unread_kind
-from ..tracking import AUTO_PALETTE, Markers, Palette, detect_markers, join_layers
+from ..tracking import (
+    AUTO_PALETTE,
+    Markers,
+    Palette,
+    check_told_apart,
+    detect_markers,
+    join_layers,
+)
 from .any_size import Fitting, reduction
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 
@@ -74,6 +81,7 @@ def list_markers(
         colours = find(reduced, image.shape[:2], fitted.seen)
         fine = fitted.fine()
         found = detect_markers(reduced, colours, fine(image) if fitted.finer > 1 else None)
+        check_told_apart(found, colours)
         layers = [_original(markers, fine) for markers in found]
     if not any(len(markers.area) for markers in layers):
         raise UserError(f"picture {path}: no markers found in {' or '.join(colours.names)}")

@@ -141,11 +141,18 @@ def draw_markers(image: Image, palette: Palette, layers: Sequence[Markers]) -> I
     return canvas.pixels
 
 
-def dropped(start: RestFrame, resting: Tracks) -> list[Array]:
-    """Places of the markers of each layer that were seen at rest and are not followed, (n, 2)."""
+def dropped(palette: Palette, start: RestFrame, resting: Tracks) -> list[Array]:
+    """Places of the markers of each layer that were seen at rest and are not followed, (n, 2).
+
+    Some were seen as dots only, and told apart in no layer.
+    """
+    known = np.concatenate([*start.position, *resting.position])
+    dots = np.empty((0, 2)) if palette.seen is None else palette.seen.position
+    dots = _away_from(dots, known, float(start.radius.max()))
     places = []
     for at, followed, radius in zip(start.position, resting.position, start.radius, strict=True):
-        places.append(_away_from(at[np.isfinite(at[:, 0])], followed, float(radius)))
+        own = _away_from(at[np.isfinite(at[:, 0])], followed, float(radius))
+        places.append(np.concatenate([own, dots]))
     return places
 
 
@@ -213,7 +220,7 @@ class TrackDrawing:
     def __init__(self, palette: Palette, start: RestFrame, resting: Tracks) -> None:
         self._palette, self._start, self._rest = palette, start, resting
         self._known: NDArray[np.bool_] = np.isfinite(resting.position[..., 0])
-        self._dropped = dropped(start, resting)
+        self._dropped = dropped(palette, start, resting)
         self._motion = Magnification(resting)
         self._shapes = [
             _nearest_shapes(at, shapes, own, radius)

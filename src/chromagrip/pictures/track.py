@@ -36,6 +36,7 @@ def files_lacking() -> list[str]:
 #: Reasons why a marker is not followed.
 _CUT = "cut by the edge of the field"
 _UNLIKE = "unlike the others to this tracker; detect follows any form"
+_UNTOLD = "a dot that is faint, torn, or touches others"
 
 
 class NotFollowed(TypedDict):
@@ -129,14 +130,16 @@ def _summary(opened: Opened, known: Assumed, course: Course) -> TrackSummary:
 
 
 def _not_followed(opened: Opened) -> list[NotFollowed]:
-    found: list[NotFollowed] = []
-    for name, at in zip(opened.palette.names, dropped(opened.start, opened.resting), strict=True):
-        cut = Edge.of_rest(opened.start, opened.palette, at).cut
-        for (x, y), edge in zip(opened.fitted.original(at).tolist(), cut.tolist(), strict=True):
-            reason = _CUT if edge else _UNLIKE
-            found.append(
-                {"layer": name, "x_px": round(x, 2), "y_px": round(y, 2), "reason": reason}
-            )
+    start, found = opened.start, list[NotFollowed]()
+    for k, at in enumerate(dropped(opened.palette, start, opened.resting)):
+        cut = Edge.of_rest(start, opened.palette, at).cut
+        detected = (at[:, None] == start.position[k]).all(axis=-1).any(axis=1)
+        reasons = np.where(cut, _CUT, np.where(detected, _UNLIKE, _UNTOLD))
+        for (x, y), reason in zip(
+            opened.fitted.original(at).round(2).tolist(), reasons, strict=True
+        ):
+            layer = opened.palette.names[k]
+            found.append({"layer": layer, "x_px": x, "y_px": y, "reason": str(reason)})
     return found
 
 
