@@ -229,3 +229,65 @@ def test_a_folder_with_each_frame_twice_is_refused(tmp_path: Path) -> None:
             Image.new("RGB", (32, 24), (200, 200, 200)).save(tmp_path / f"f_{k}{suffix}")
     with pytest.raises(UserError, match=r"has f_0 as pictures of two kinds; give one of them"):
         open_source(str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("names", "periods"),
+    [
+        (["f1", "f2", "f3", "f5", "f6", "f9"], [0, 1, 2, 4, 5, 8]),
+        (["f010", "f020", "f030", "f050", "f060", "f090"], [0, 1, 2, 4, 5, 8]),
+        (["f7_l", "f8_l", "f9_l", "f10_l", "f12_l"], [0, 1, 2, 3, 5]),
+        (["t1000", "t1034", "t1067", "t1101", "t1134"], [0, 1, 2, 3, 4]),  # rounded times
+        (["a", "b", "c", "d", "e"], [0, 1, 2, 3, 4]),
+        (["9-58", "9-59", "10-00", "10-01", "10-03"], [0, 1, 2, 3, 4]),
+    ],
+)
+def test_pictures_that_are_missing_by_their_numbers_leave_gaps_in_time(
+    names: list[str], periods: list[int], tmp_path: Path
+) -> None:
+    for k, name in enumerate(names):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((4, 5, 3), k, np.uint8))
+    source = open_source(str(tmp_path), fps=20.0)
+    frames = list(source.frames())
+    assert [frame.image[0, 0, 0] for frame in frames] == list(range(len(names)))
+    assert [frame.time for frame in frames] == pytest.approx([k / 20.0 for k in periods])
+
+
+def test_pictures_that_are_missing_are_counted_as_dropped(tmp_path: Path) -> None:
+    missing = {9, 17, 18, 25}
+    for k in set(range(40)) - missing:
+        cv2.imwrite(str(tmp_path / f"{k:03d}.png"), np.full((4, 5, 3), k, np.uint8))
+    source = open_source(str(tmp_path))
+    list(source.frames())
+    assert source.delivery.counts["dropped"] == len(missing)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "numbers", "others"),
+    [
+        ("left_{}", "right_{}", range(5), range(5)),
+        ("{}-left", "{}-right", range(5), range(2, 9)),
+        ("cam0_{:03d}", "cam1_{:03d}", range(5), range(5)),
+        ("press{}", "rest{}", range(30), range(4)),
+    ],
+)
+def test_pictures_of_two_cameras_are_not_read_one_after_the_other(
+    one: str, other: str, numbers: range, others: range, tmp_path: Path
+) -> None:
+    for form, counted in ((one, numbers), (other, others)):
+        for k in counted:
+            cv2.imwrite(str(tmp_path / f"{form.format(k)}.png"), np.full((4, 5, 3), k, np.uint8))
+    with pytest.raises(UserError, match="two series of pictures") as refused:
+        open_source(str(tmp_path))
+    pattern = str(refused.value).split("'")[1]
+    assert open_source(pattern).count in (len(numbers), len(others))
+    assert open_source(f"{tmp_path}/*").count == len(numbers) + len(others)
+
+
+def test_minutes_are_not_taken_for_cameras(tmp_path: Path) -> None:
+    for minute in range(3):
+        for second in range(0, 60, 9):
+            name = f"2026-11-28_12-{minute:02d}-{second:02d}.png"
+            cv2.imwrite(str(tmp_path / name), np.full((4, 5, 3), minute, np.uint8))
+    levels = [frame.image[0, 0, 0] for frame in open_source(str(tmp_path)).frames()]
+    assert levels == sorted(levels)

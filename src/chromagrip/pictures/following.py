@@ -255,7 +255,13 @@ def _coming(opened: Opened, newest: bool) -> Iterator[tuple[Frame, Came]]:
 def _course(tally: _Tally, opened: Opened, complete: bool, ended: str) -> Course:
     """Counts of the frames tracked."""
     frames, palette = tally.frames, opened.palette
-    doubt = f"most markers of the rest picture are not in the first frames of {opened.source.name}"
+    doubt = opened.source.delivery.doubt
+    if tally.absent and frames:
+        name = opened.source.name
+        doubt = (
+            f"most markers of the rest picture are not in the first frames of {name}: is it of the "
+            "same sensor?"
+        )
     layers: dict[str, LayerCount] = {}
     for name, known, visible in zip(palette.names, tally.known, tally.visible, strict=True):
         share = float(visible[known].mean() / frames) if frames and known.any() else None
@@ -264,7 +270,7 @@ def _course(tally: _Tally, opened: Opened, complete: bool, ended: str) -> Course
         "complete": complete,
         "ended": ended,
         "frames": frames,
-        "source_doubt": f"{doubt}: is it of the same sensor?" if frames and tally.absent else None,
+        "source_doubt": doubt or None,
         "layers": layers,
         "lost": [] if tally.last is None else _lost(tally.last, tally.known, palette),
         "ambiguous": tally.ambiguous,

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from ..render import Frame
+from .interlaced import Rows
 
 
 class Counts(TypedDict):
@@ -48,6 +49,7 @@ class Delivery:
         self._before: Frame | None = None
         self._gaps = deque[float](maxlen=31)
         self._delay, self._since = math.inf, -math.inf
+        self._rows = Rows()
 
     def go_on(self) -> None:
         """Leave out what a live source sent before now, as nobody was reading."""
@@ -63,6 +65,11 @@ class Delivery:
             "late": self._late if self._live else None,
         }
 
+    @property
+    def doubt(self) -> str:
+        """What is wrong with the frames themselves, in words; empty if nothing is."""
+        return self._rows.doubt
+
     def add(self, frame: Frame, arrived: float) -> None:
         """Count a frame.
 
@@ -72,6 +79,7 @@ class Delivery:
         arrived: time of its arrival, by `time.monotonic` [s]
         """
         before, self._before = self._before, frame
+        self._rows.add(frame.image)
         if before is not None:
             a, b = before.image, frame.image
             # Faster than NumPy, and without an array of the differences.

@@ -62,9 +62,10 @@ def picture_source(
     if fps is None and path.is_dir() and (path / FRAME_LIST).is_file():
         listed = times_of(path / FRAME_LIST, files, there)
     times = list(listed.values())
+    numbers = _periods(files)
     own = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
     rate, rate_from = rated(fps, own, f"the times in {FRAME_LIST}")
-    timed = listed or {path: k / rate for k, path in enumerate(files)}
+    timed = listed or {path: k / rate for path, k in zip(files, numbers, strict=True)}
 
     def frames() -> Iterator[Frame]:
         for path, time in timed.items():
@@ -76,7 +77,7 @@ def picture_source(
         count=len(files),
         fps=rate,
         fps_from=rate_from,
-        timed=bool(listed),
+        timed=bool(listed) or numbers[-1] >= len(files),
         lossy=any(map(_lossy, files)),
         files=tuple(timed),
     )
@@ -109,7 +110,47 @@ def _files(name: str, without: Path | None) -> tuple[list[Path], list[Path]]:
             f"{place} has {twice.stem} as pictures of two kinds; give one of them, such as "
             f"'{path}/*{twice.suffix}'"
         )
-    return sorted(files, key=_natural), there
+    files = sorted(files, key=_natural)
+    if path.is_dir():
+        _refuse_two_series(files, path)
+    return files, there
+
+
+def _series(files: list[Path]) -> dict[tuple[str, str], list[int]]:
+    """Last numbers in the names of files, by what stands before and after them."""
+    series: dict[tuple[str, str], list[int]] = {}
+    for path in files:
+        before, number, after = re.findall(r"^(.*?)(\d*)(\D*)$", path.stem)[0]
+        if number:
+            series.setdefault((before, after), []).append(int(number))
+    return series
+
+
+def _refuse_two_series(files: list[Path], folder: Path) -> None:
+    """Refuse the pictures of two cameras, which would be read one after the other."""
+    series = {"*".join(ends): set(numbers) for ends, numbers in _series(files).items()}
+    one = max(series, key=lambda name: len(series[name]), default="")
+    for other in series.keys() - {one}:
+        named = re.sub(r"\d+", "", one) != re.sub(r"\d+", "", other)
+        # One number may be that of a camera; several are often a time.
+        counted = series[one] == series[other] and len(re.findall(r"\d+", one)) == 1
+        same = len(series[one] & series[other])
+        if same >= max(3.0, len(series[other]) / 2) and (named or counted):
+            raise UserError(
+                f"folder {folder} has two series of pictures, {one} and {other}; give one of them "
+                f"as '{folder}/{one}.*', or all as '{folder}/*'"
+            )
+
+
+def _periods(files: list[Path]) -> list[int]:
+    """Number of periods from the first to each of n files, of which some may be missing, (n,)."""
+    numbers = list(_series(files).values())
+    if len(numbers) == 1 and len(numbers[0]) == len(files) > 3:
+        steps = np.diff(numbers[0]).tolist()
+        step, times = Counter(steps).most_common(1)[0]
+        if step > 0 and 2 * times >= len(steps) and all(k > 0 and k % step == 0 for k in steps):
+            return [(number - numbers[0][0]) // step for number in numbers[0]]
+    return list(range(len(files)))
 
 
 def _lossy(path: Path) -> bool:

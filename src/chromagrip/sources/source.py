@@ -60,8 +60,8 @@ SHIPPED = {
     "camera:N": "camera, also /dev/videoN; camera:0(fps=60, exposure=100) sets and reads back fps, "
     "width and height, exposure, gain, in the driver's units",
     "PICTURE": f"{', '.join(SUFFIXES)}; all pages of a TIFF, all frames of an animated one",
-    "FOLDER": "pictures of a folder, in the order of their numbers, or with the times of its "
-    "frames.csv: time_s [s] and file of each",
+    "FOLDER": "pictures of a folder, in the order of their numbers, of which missing ones leave "
+    "gaps in time, or with the times of its frames.csv: time_s [s] and file of each",
     "'DIR/*.png'": "pictures that match a pattern, in quotation marks",
     "VIDEO": "video file (extra video)",
     "pipe:FILE": "frames that another program writes; pipe:- is the standard input; with "

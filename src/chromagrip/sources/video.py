@@ -16,6 +16,11 @@ from .source import DEFAULT_FPS, KINDS, Source, rated
 if TYPE_CHECKING:
     import av
 
+#: Bits of a stream that holds a still picture, such as a cover.
+_COVERS = 1024 | 2048
+#: Rate above which the one of a file may be that of its clock [Hz].
+_FASTEST = 300.0
+
 
 def video_source(path: Path, fps: float | None, max_megapixels: float) -> Source:
     """Source of a video file; `fps` [Hz] overrides its own times.
@@ -28,6 +33,8 @@ def video_source(path: Path, fps: float | None, max_megapixels: float) -> Source
     with _open_video(path, max_megapixels) as container:
         stream = container.streams.video[0]
         rate, rate_from = rated(fps, float(stream.average_rate or 0.0), "the video's own")
+        if fps is None and rate > _FASTEST:
+            rate_from += ", more than most cameras give; if it is wrong, give yours with --fps"
         count, lossy = stream.frames or None, stream.codec_context.codec.lossy
     return Source(
         name=str(path),
@@ -54,6 +61,12 @@ def _open_video(path: Path, max_megapixels: float) -> "Iterator[av.container.Inp
         # FFmpeg reads any text as a recording of a terminal.
         if not container.streams.video or container.format.name == "tty":
             raise UserError(f"{path} has no video in it; {KINDS}")
+        pictured = [s for s in container.streams.video if not s.disposition & _COVERS]
+        if len(pictured) > 1:
+            raise UserError(
+                f"video {path} holds {len(pictured)} videos; give a file with one of them, as by "
+                "ffmpeg -i FILE -map 0:v:0 -c copy OUT.mkv"
+            )
         coded = container.streams.video[0].codec_context
         if coded is None:
             raise UserError(f"{path} holds a video of an unknown kind; {KINDS}")
