@@ -1,5 +1,6 @@
 """Videos as capture cards and several cameras leave them."""
 
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -108,3 +109,20 @@ def test_a_rate_that_few_cameras_have_is_doubted(tmp_path: Path) -> None:
     assert "give yours" in open_source(video(tmp_path / "clock.mkv", rate=1000)).fps_from
     assert open_source(video(tmp_path / "clock.mkv", rate=1000), fps=1000).fps_from == "given"
     assert "give yours" not in open_source(video(tmp_path / "fast.mkv", rate=240)).fps_from
+
+
+def test_pixels_that_are_no_squares_and_transparent_ones_are_said(tmp_path: Path) -> None:
+    assert open_source(video(tmp_path / "plain.mkv")).doubt == ""
+    for name, codec, form, words in (
+        ("wide.mkv", "mpeg4", "yuv420p", "1.45 times as wide as high"),
+        ("clear.mkv", "ffv1", "bgra", "transparency"),
+    ):
+        with av.open(str(tmp_path / name), "w") as container:
+            stream = container.add_stream(codec, rate=30)
+            stream.width, stream.height, stream.pix_fmt = 64, 48, form
+            if "wide" in words:
+                stream.codec_context.sample_aspect_ratio = Fraction(16, 11)
+            frame = av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8))
+            container.mux(stream.encode(frame))
+            container.mux(stream.encode(None))
+        assert words in open_source(str(tmp_path / name)).doubt

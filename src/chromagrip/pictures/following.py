@@ -255,7 +255,7 @@ def _coming(opened: Opened, newest: bool) -> Iterator[tuple[Frame, Came]]:
 def _course(tally: _Tally, opened: Opened, complete: bool, ended: str) -> Course:
     """Counts of the frames tracked."""
     frames, palette = tally.frames, opened.palette
-    doubt = opened.source.delivery.doubt
+    doubt = opened.source.doubt or opened.source.delivery.doubt
     if tally.absent and frames:
         name = opened.source.name
         doubt = (

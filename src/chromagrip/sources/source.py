@@ -91,6 +91,7 @@ class Source:
     live: whether it is a camera, which gives no frame twice
     lossy: whether its compression leaves errors in the pictures
     files: of its frames; empty where they have none of their own
+    doubt: what is not as viewers show it, in words
     delivery: counts of the frames that did not come as they should, in the last iteration
     """
 
@@ -103,6 +104,7 @@ class Source:
     live: bool = False
     lossy: bool = False
     files: tuple[Path, ...] = ()
+    doubt: str = ""
     delivery: Delivery = field(default_factory=Delivery)
 
     def frame_name(self, index: int) -> str:

@@ -35,6 +35,7 @@ def video_source(path: Path, fps: float | None, max_megapixels: float) -> Source
         rate, rate_from = rated(fps, float(stream.average_rate or 0.0), "the video's own")
         if fps is None and rate > _FASTEST:
             rate_from += ", more than most cameras give; if it is wrong, give yours with --fps"
+        doubt = _unlike_viewers(stream)
         count, lossy = stream.frames or None, stream.codec_context.codec.lossy
     return Source(
         name=str(path),
@@ -44,7 +45,19 @@ def video_source(path: Path, fps: float | None, max_megapixels: float) -> Source
         fps_from=rate_from,
         timed=fps is None,
         lossy=lossy,
+        doubt=doubt,
     )
+
+
+def _unlike_viewers(stream: "av.VideoStream") -> str:
+    """What viewers show otherwise than it is read here, in words; empty if nothing."""
+    aspect = float(stream.sample_aspect_ratio or 1.0)
+    if abs(aspect - 1.0) > 0.005:  # more than a rounded one
+        return f"its pixels are {aspect:.3g} times as wide as high, and are read as squares"
+    layout = stream.codec_context.format
+    if layout is not None and any(part.is_alpha for part in layout.components):
+        return "its pixels have a transparency, which is left out"
+    return ""
 
 
 @contextmanager
