@@ -67,6 +67,8 @@ class RestFrame:
         few, limits = 0.03, SpotSettings()  # share of the markers that are no kind of their own
         for radius, each in zip(radii, own, strict=True):
             known = np.isfinite(each)
+            if not known.any():
+                continue
             typical = typical_area(each[known] ** 2)
             low, high = np.quantile(each[known] ** 2, [few / 2.0, 1.0 - few / 2.0])
             if low < limits.smallest * typical or high > limits.largest * typical:

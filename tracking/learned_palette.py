@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import UserError
 from .palette import Palette, load_palette
 from .sighting import Sighting
 from .spots import find_spots
@@ -94,6 +95,8 @@ def learn_palette(
     smooth = np.maximum(np.asarray(cv2.medianBlur(linear, 3)), np.float32(DARKEST))
     ground, lit = rough_ground(smooth, int(AROUND * seen.pitch), seen.field, seen.bright)
     marked = seen.spots & lit & _even(smooth, ground, settings.edge)
+    if not marked.any():
+        raise UserError("the dots that are seen show no even colour: they are too small or uneven")
     light, around = smooth[marked], np.maximum(ground, np.float32(DARKEST))[marked]
     share = np.maximum(1.0 - (around / light if seen.bright else light / around), 0.0)
     size = np.linalg.norm(share, axis=1)

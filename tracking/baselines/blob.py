@@ -35,6 +35,7 @@ def _detector(smallest: float, largest: float) -> cv2.SimpleBlobDetector:
     settings.minThreshold, settings.maxThreshold = ZERO + UNIT * 0.3, ZERO + UNIT * 0.7
     settings.thresholdStep = UNIT * 0.1
     settings.minRepeatability = 2
+    smallest = max(smallest, 0.5)  # of a spot of noise it may be 0
     settings.minDistBetweenBlobs = smallest
     settings.filterByColor, settings.blobColor = True, 255
     settings.filterByArea = True

@@ -78,8 +78,9 @@ class ChromaTouch(Follower):
             position[k, found] = centroids[plausible][number[found]]
             if k == 0 and self._coloured:
                 # Hues are cyclic: average their differences from the dye's hue.
+                pixels = np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
                 turned = _turn(hue - self._hues[0]).ravel()
-                mean = np.bincount(labels.ravel(), turned) / stats[:, cv2.CC_STAT_AREA]
+                mean = np.bincount(labels.ravel(), turned, len(stats)) / pixels
                 hues[found] = _turn(mean + self._hues[0])[plausible][number[found]]
         return Measured(position, hue=hues)
 

@@ -137,8 +137,10 @@ def _fit_colours(sums: Array, known: Array, settings: TuningSettings) -> tuple[A
     gain = product / model
     left = sums[:, :, 4, 4] - product**2 / model
     most = settings.odd * np.median(left, axis=0) if len(left) else np.zeros(3)
-    # In a picture of one colour residuals are 0, and the weight stays 1.
+    # In a picture of one colour residuals are 0, and the weight stays 1. Where most pairs of a
+    # channel have none, the others still count a little, or a mean would be undefined.
     weight = np.divide(most, left, out=np.ones_like(left), where=left > most)
+    weight = np.maximum(weight, 1e-6)
     sums = sums * weight[..., None, None]
     # Only deviations from the mean over the pair depend on the colours.
     mean = sums[:, :, 0, 1:4] / sums[:, :, :1, 0]
