@@ -95,7 +95,8 @@ def doubted(
     rest, last, now = places
     present = np.isfinite(rest[..., 0])
     seen = present & ~lost
-    moved = np.where(present.any(axis=1)[:, None, None], now - rest, 0.0)
+    moved = now - rest
+    moved[~np.isfinite(rest).any(axis=(1, 2))] = 0.0  # a layer without markers
     whole = rest + np.nanmedian(moved, axis=1, keepdims=True)
     moved_on = (at + step for step in _steps(now[0]) for at in (now, whole))
     tried = np.stack([now, whole, *moved_on])
