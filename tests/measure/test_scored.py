@@ -220,7 +220,11 @@ def test_frames_that_are_all_shifted_by_one_are_named() -> None:
     still = replace(true, position=np.repeat(true.position[:1], FRAMES, axis=0))
     lossy = seen(mine, np.random.default_rng(10).random((FRAMES, COUNT)) > 0.5)
     for tracked, truth, told in (
-        (counted_from(mine, 1), true, "counted from one less, 180 places have a median error of 0"),
+        (
+            counted_from(mine, 1),
+            true,
+            "counted from one less, 180 sampled places have a median error of 0",
+        ),
         (counted_from(lossy, 1), true, "counted from one less"),
         (counted_from(still, 1), still, "counted from one less"),
         (mine, counted_from(true, 1), "counted from one more"),
@@ -346,6 +350,7 @@ def test_the_command_ranks_trackers_on_a_dataset(
     assert 0.8 < found["fit"]["bound"] < 1.6
     assert list(found) == ["fit", "lk"]  # by the error over the bound
     assert found["fit"]["rms"] < found["lk"]["rms"]
+    assert [entry["doubts"] for entry in told["tracks"]] == [{}, {}]
     assert found["fit"]["rms_mm"] == pytest.approx(found["fit"]["rms"] * 0.044, rel=0.3)
     page = (out / "leaderboard.html").read_text(encoding="utf-8")
     assert page.count("data:image/png") == 2

@@ -1,6 +1,7 @@
 """Tracks and truths of any origin as arrays: places of points in frames."""
 
 import csv
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain, islice
@@ -65,9 +66,14 @@ class Points:
         """Layer of each point, shape (N,)."""
         return np.array([layer for layer, _ in self.names], dtype=object)
 
-    def part(self, some: Mask) -> "Points":
+    @property
+    def seen(self) -> Array:
+        """Places [px], shape (F, N, 2); NaN where they are not visible."""
+        return np.where(self.visible[..., None], self.position, np.nan)
+
+    def part(self, some: Mask | NDArray[np.intp]) -> "Points":
         """Some of the points."""
-        names = [name for name, kept in zip(self.names, some, strict=True) if kept]
+        names = [self.names[k] for k in np.arange(len(self.names))[some]]
         return Points(names=names, position=self.position[:, some], visible=self.visible[:, some])
 
 
@@ -179,7 +185,9 @@ def _parquet_parts(path: Path, most: int) -> Iterator[tuple[dict[str, str], Rows
 
 def _csv_parts(path: Path) -> Iterator[tuple[dict[str, str], Rows]]:
     """Yield some rows at a time, with the names of their columns."""
-    with path.open(newline="", encoding="utf-8-sig") as file:
+    with path.open("rb") as file:
+        wide = file.read(2) in (BOM_UTF16_LE, BOM_UTF16_BE)  # as Excel's "Unicode text"
+    with path.open(newline="", encoding="utf-16" if wide else "utf-8-sig") as file:
         reader, start = csv.reader(file), 0
         names = next(reader, [])
         called, place = _called(names), {name: k for k, name in enumerate(names)}

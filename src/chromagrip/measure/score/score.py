@@ -59,7 +59,7 @@ class Outcome:
     sequences: scores of each sequence
     cases: of the recipe, by sequence; empty where there are none
     refused: sequences whose markers all count as lost, as the tracker cannot follow them; and why
-    doubts: sequences whose frames seem to be shifted, and a sentence on it
+    doubts: sequences whose tables seem to be wrong as a whole, and a sentence on it
     worst: picture of the worst frames; None where the truth has no pictures
     """
 
@@ -329,7 +329,7 @@ def interval_note(outcomes: Sequence[Outcome]) -> str:
 
 
 def refusals(outcomes: Sequence[Outcome]) -> list[str]:
-    """Sentences on frames that do not fit, and on trackers that cannot follow some sequences."""
+    """Sentences on tables that seem wrong, and on trackers that cannot follow some sequences."""
     doubts = [
         f"{outcome.name}, {', '.join(outcome.doubts)}: {next(iter(outcome.doubts.values()))}"
         for outcome in outcomes

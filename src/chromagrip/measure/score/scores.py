@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ...errors import UserError
+from .matching import doubt, matched
 from .points import Points
 
 Array = NDArray[np.float64]
@@ -19,8 +20,6 @@ Mask = NDArray[np.bool_]
 
 #: TAP-Vid's distances [px].
 WITHIN = (1.0, 2.0, 4.0, 8.0, 16.0)
-#: A point is given a number within this share of the distance to its nearest neighbour.
-_NEAR = 0.5
 #: Units of the scores.
 UNITS = {
     "bias": "px",
@@ -78,7 +77,7 @@ class Scored:
         was followed
     error: of true points that are visible and reported [px], shape (F, N, 2)
     at: where true points are reported [px], shape (F, N, 2)
-    doubt: sentence on frames that seem to be counted from another number; empty if there is none
+    doubt: sentence on what seems wrong with all of the table; empty if nothing does
     """
 
     scores: dict[str, float]
@@ -99,13 +98,14 @@ def score(tracked: Points, truth: Truth) -> Scored:
     true = truth.points
     _check_layers(tracked, true)
     frames, count = true.visible.shape
-    numbers = _given(tracked, true)
+    numbers, words = matched(tracked, true), doubt(tracked, true)
     if (numbers < 0).all():
         raise UserError(
-            "none of the tracked points is where a point of the truth is: are the frames the same?"
+            "none of the tracked points is where a point of the truth is: "
+            f"{words or 'are the frames the same?'}"
         )
     known, shared = numbers >= 0, min(frames, len(tracked.position))
-    own = _seen(tracked)[:, numbers[known]]
+    own = tracked.part(numbers[known]).seen
     at = np.full((frames, count, 2), np.nan)
     at[:shared, known] = own[:shared]
     reported = np.isfinite(at).all(axis=2)
@@ -121,39 +121,8 @@ def score(tracked: Points, truth: Truth) -> Scored:
         scores=result | _tap(error, reported, true.visible),
         error=error,
         at=at,
-        doubt=_shifted(own, _seen(true)[:, known]),
+        doubt=words,
     )
-
-
-def _seen(points: Points) -> Array:
-    """Places of points [px], shape (F, N, 2); NaN where they are not visible."""
-    return np.where(points.visible[..., None], points.position, np.nan)
-
-
-def _shifted(own: Array, truth: Array) -> str:
-    """Sentence on tracks whose frames fit the truth better by one earlier or later, or nothing.
-
-    Such tracks are closer by half, or are as close and in more frames.
-
-    Parameters
-    ----------
-    own, truth: places of the same points [px], shapes (F, N, 2) and (G, N, 2); NaN where not seen
-    """
-    found = {}
-    for shift in (0, 1, -1):
-        pairs = zip(own[max(0, shift) :], truth[max(0, -shift) :], strict=False)
-        off = np.concatenate([np.linalg.norm(a - b, axis=1) for a, b in pairs] or [np.empty(0)])
-        off = off[np.isfinite(off)]
-        found[shift] = (len(off), float(np.median(off)) if len(off) else np.inf)
-    count, error = found[0]
-    for shift, (others, less) in found.items():
-        if (others > count and less <= error) or (2 * others > count and less < 0.5 * error):
-            return (
-                "the frames seem to be shifted by one: counted from one "
-                f"{'less' if shift > 0 else 'more'}, {others} places have a median error of "
-                f"{less:.2g} px, as they are {count} places {error:.2g} px"
-            )
-    return ""
 
 
 def score_nothing(truth: Truth) -> Scored:
@@ -174,38 +143,6 @@ def _check_layers(tracked: Points, true: Points) -> None:
             f"the points have {there}, those of the truth {' and '.join(layers)}, which lie on "
             "each other; wanted: a column or array layer with these names"
         )
-
-
-def _given(tracked: Points, true: Points) -> NDArray[np.intp]:
-    """Number of the tracked point that stands for each true one, −1 for none, shape (N,)."""
-    given = np.full(len(true.names), -1, dtype=np.intp)
-    same = set(tracked.layers) & set(true.layers)
-    groups = sorted(same) if same else [None]
-    for k in range(min(len(tracked.position), len(true.position))):
-        if (given >= 0).all():
-            break
-        for layer in groups:
-            of = np.ones(len(given), bool) if layer is None else true.layers == layer
-            own = np.ones(len(tracked.names), bool) if layer is None else tracked.layers == layer
-            free = np.flatnonzero(of & true.visible[k] & (given < 0))
-            offered = np.setdiff1d(np.flatnonzero(own & tracked.visible[k]), given)
-            if len(free) == 0 or len(offered) == 0:
-                continue
-            place, found = true.position[k, free], tracked.position[k, offered]
-            all_of = true.position[k, of & true.visible[k]]
-            reach = _NEAR * _spacing(place, all_of)
-            distance, near = (np.asarray(v) for v in KDTree(found).query(place))
-            back = np.asarray(KDTree(place).query(found)[1])
-            mutual = (back[near] == np.arange(len(free))) & (distance < reach)
-            given[free[mutual]] = offered[near[mutual]]
-    return given
-
-
-def _spacing(place: Array, others: Array) -> Array:
-    """Distance of points (n, 2) to the nearest other one, shape (n,)."""
-    if len(others) < 2:
-        return np.full(len(place), np.inf)
-    return np.asarray(KDTree(others).query(place, k=2)[0])[:, 1]
 
 
 def _accuracy(error: Array, truth: Truth) -> dict[str, float]:
