@@ -205,6 +205,16 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
     return replace(frame, doubt=doubt)
 
 
+def check_each_layer(visible: NDArray[np.bool_], palette: Palette) -> None:
+    """Refuse a rest frame in which a layer has no visible marker, with a mask of them (L, M)."""
+    for name, seen in zip(palette.names, visible, strict=True):
+        if not seen.any():
+            raise UserError(
+                f"no {name} marker of the rest frame can be followed; one layer of dots needs its "
+                "own palette, such as --palette dark-dots"
+            )
+
+
 def _own_offset(palette: Palette) -> float:
     """Largest distance of a known sensor's layers due to misaligned gores (sectors) [px]."""
     sensor = palette.sensor

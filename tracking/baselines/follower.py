@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ...render import Frame
-from ..detection import RestFrame, neighbours, read_rest
+from ..detection import RestFrame, check_each_layer, neighbours, read_rest
 from ..doubt import Doubt, doubted
 from ..edge import Edge
 from ..fit.relocate import Relocator
@@ -134,6 +134,7 @@ class Follower:
                 f"only {tracks.visible.sum()} of {count} markers of the rest frame are found by "
                 f"this tracker, at least {settings.fewest:.0%} must be"
             )
+        check_each_layer(tracks.visible, self._palette)
         # Shifts are relative to the positions that the tracker itself finds at rest.
         self._origin = np.where(tracks.visible[..., None], tracks.position, self._origin)
         self._edge = self._edge.at_rest(self._origin)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ...render import Frame
-from ..detection import RestFrame, read_rest
+from ..detection import RestFrame, check_each_layer, read_rest
 from ..edge import Edge
 from ..palette import Palette
 from .compression import flat_blocks
@@ -181,6 +181,8 @@ def _at_rest(
     skin: Skin | None,
 ) -> AtRest:
     """Collect the results of the fit at rest."""
+    visible = visible_markers(found, settings)
+    check_each_layer(visible.T[: len(palette.names)], palette)
     sensor = palette.sensor
     return AtRest(
         settings=settings,
@@ -189,7 +191,7 @@ def _at_rest(
         state=found.state,
         misfit=np.where(np.isfinite(found.misfit), found.misfit, 0.0),
         typical=max(1.0, found.typical),
-        odd=np.isfinite(found.misfit) & ~visible_markers(found, settings).any(axis=1),
+        odd=np.isfinite(found.misfit) & ~visible.any(axis=1),
         pitch=rest.pitch,
         shape=rest.image.shape,
         layers=len(palette.names),
