@@ -34,7 +34,7 @@ from .flaws.noise import add_noise
 from .frame import Frame
 from .ground import ground_image, inside_rim, pixel_places
 from .harmonics import harmonic_map
-from .membrane import Membrane, MembraneMap, outline_axes, rest_membrane, swelling
+from .membrane import Membrane, MembraneMap, carried_axes, outline_axes, rest_membrane
 from .optics.board import Board, board_picture
 from .optics.calibration import camera_text, load_camera, save_camera
 from .optics.camera import Camera, FisheyeCamera, PinholeCamera
@@ -69,6 +69,7 @@ __all__ = [
     "areas",
     "board_picture",
     "camera_text",
+    "carried_axes",
     "centroids",
     "decode_srgb",
     "decoding_table",
@@ -92,5 +93,4 @@ __all__ = [
     "save_camera",
     "sensor_names",
     "shutter_times",
-    "swelling",
 ]

@@ -25,7 +25,8 @@ class HarmonicMap:
     right, left: matrices that interpolate node values at +θ and at −θ of each point, shape (M, N)
     right_slope, left_slope: matrices of their derivatives with respect to θ, shape (M, N)
     ring: length of a unit of φ over length of a unit of θ, at each point, shape (M,)
-    phi: azimuth of the points [rad], shape (M,)
+    phi: azimuth of the points from the plane of the chain [rad], shape (M,)
+    azimuth: azimuth of that plane [rad]
     """
 
     right: "scipy.sparse.csr_array"
@@ -34,6 +35,7 @@ class HarmonicMap:
     left_slope: "scipy.sparse.csr_array"
     ring: Array
     phi: Array
+    azimuth: float = 0.0
 
     def _harmonics(self, right: Array, left: Array) -> tuple[Array, Array, Array, Array]:
         """Radial u_r, shift a, mean u_z and tilt c, from values (M, 2, …) at +θ and at −θ."""
@@ -46,9 +48,7 @@ class HarmonicMap:
 
     def displacement(self, nodal: Array) -> Array:
         """Displacements of the points [m], (M, 3, …), from those of the nodes [m], (N, 2, …)."""
-        u_r, shift, u_z, tilt = self._harmonics(_apply(self.right, nodal), _apply(self.left, nodal))
-        cos, sin = _columns(np.cos(self.phi), u_r), _columns(np.sin(self.phi), u_r)
-        return np.stack([u_r * cos + shift, u_r * sin, u_z + tilt * cos], axis=1)
+        return self._moved(_apply(self.right, nodal), _apply(self.left, nodal))
 
     def scalar(self, nodal: Array) -> Array:
         """Extend a scalar on the nodes, (N, …), to the points, (M, …), by the same harmonics."""
@@ -66,15 +66,56 @@ class HarmonicMap:
 
     def gradient(self, nodal: Array) -> tuple[Array, Array]:
         """Derivatives ∂d/∂θ and (∂d/∂φ)/ring of `displacement` [m per unit of θ], (M, 3, …)."""
-        u_r, shift, u_z, tilt = self._harmonics(
-            _apply(self.right_slope, nodal), _apply(self.left_slope, nodal)
+        return (
+            self._moved(_apply(self.right_slope, nodal), _apply(self.left_slope, nodal)),
+            self._around(_apply(self.right, nodal), _apply(self.left, nodal)),
         )
+
+    def many(self, nodal: Array) -> tuple[Array, Array]:
+        """Displacements (S, M, 3) and gradients (S, M, 3, 2) for S displacements (S, N, 2)."""
+        values = np.ascontiguousarray((self._whole @ nodal.reshape(len(nodal), -1).T).T)
+        values = values.reshape(len(nodal), len(self.phi), 3, 3)
+        return values[..., 0], values[..., 1:]
+
+    @cached_property
+    def _whole(self) -> "scipy.sparse.csr_array":
+        """Matrix of displacement and gradient as columns, at all points, shape (M·3·3, N·2)."""
+        points = len(self.phi)
+        # What each of the four values at ±θ, and each of their slopes, contributes.
+        unit = np.eye(4).reshape(2, 1, 2, 4)
+        moved, around = self._moved(*unit), self._around(*unit)
+        none = np.zeros_like(moved)
+        shares = (np.stack(each, axis=2) for each in ((moved, none, around), (none, moved, none)))
+        sides = np.concatenate([np.split(share, 2, axis=-1) for share in shares])
+        at = np.arange(points), np.arange(points + 1)
+        matrices = (self.right, self.left, self.right_slope, self.left_slope)
+        parts = (
+            scipy.sparse.bsr_array((side, *at)) @ scipy.sparse.kron(matrix, np.eye(2))
+            for side, matrix in zip(sides.reshape(4, points, 9, 2), matrices, strict=True)
+        )
+        whole = scipy.sparse.csr_array(sum(parts))
+        whole.eliminate_zeros()
+        return whole
+
+    def _moved(self, right: Array, left: Array) -> Array:
+        """Displacements of the points (M, 3, …) for values (M, 2, …) at +θ and at −θ."""
+        u_r, shift, u_z, tilt = self._harmonics(right, left)
         cos, sin = _columns(np.cos(self.phi), u_r), _columns(np.sin(self.phi), u_r)
-        along_theta = np.stack([u_r * cos + shift, u_r * sin, u_z + tilt * cos], axis=1)
-        u_r, _, _, tilt = self._harmonics(_apply(self.right, nodal), _apply(self.left, nodal))
+        return self._turned(u_r * cos + shift, u_r * sin, u_z + tilt * cos)
+
+    def _around(self, right: Array, left: Array) -> Array:
+        """Their derivatives along φ."""
+        u_r, _, _, tilt = self._harmonics(right, left)
+        cos, sin = _columns(np.cos(self.phi), u_r), _columns(np.sin(self.phi), u_r)
         ring = _columns(self.ring, u_r)
-        along_phi = np.stack([-u_r * sin, u_r * cos, -tilt * sin], axis=1) / ring[:, None]
-        return along_theta, along_phi
+        return self._turned(-u_r * sin, u_r * cos, -tilt * sin) / ring[:, None]
+
+    def _turned(self, x: Array, y: Array, z: Array) -> Array:
+        """Vectors (M, 3, …) of components (M, …) along and across the plane of the chain."""
+        if self.azimuth:
+            cos, sin = np.cos(self.azimuth), np.sin(self.azimuth)
+            x, y = cos * x - sin * y, sin * x + cos * y
+        return np.stack([x, y, z], axis=1)
 
 
 def _columns(values: Array, like: Array) -> Array:
@@ -88,7 +129,9 @@ def _apply(matrix: "scipy.sparse.csr_array", nodal: Array) -> Array:
     return flat.reshape((flat.shape[0], *nodal.shape[1:]))
 
 
-def harmonic_map(skin: Skin, places: Array, nodes: int | Array) -> HarmonicMap:
+def harmonic_map(
+    skin: Skin, places: Array, nodes: int | Array, azimuth: float = 0.0
+) -> HarmonicMap:
     """Make the map for M points of a skin.
 
     Parameters
@@ -97,6 +140,7 @@ def harmonic_map(skin: Skin, places: Array, nodes: int | Array) -> HarmonicMap:
     places: places of the points, see `skin`, shape (M, 2)
     nodes: number of evenly spaced nodes across the skin, or their increasing places: signed angles
         [rad], on a pad x [m], shape (N,)
+    azimuth: azimuth of the plane of the chain [rad]
     """
     first, phi = np.array(places, dtype=float).T
     stations = stations_of(skin, nodes)
@@ -109,7 +153,8 @@ def harmonic_map(skin: Skin, places: Array, nodes: int | Array) -> HarmonicMap:
         # d/dθ of f(−θ) is −f′(−θ).
         left_slope=scipy.sparse.csr_array(-(left @ derivative)),
         ring=skin.ring(first),
-        phi=phi,
+        phi=phi - azimuth,
+        azimuth=azimuth,
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .design.sensor import SensorDesign
+from .design.sensor import Markers, SensorDesign
 from .harmonics import node_before, slope_weights, stations_of
 from .place_kernels import THICKEST, THINNEST, carry_markers, unit_axes_each, unit_normals
 
@@ -76,16 +76,9 @@ class MembraneMap:
 
     def __call__(self, displacement: Array) -> Membrane:
         """Membrane for node displacements (x, z) relative to the rigid part [m], shape (N, 2)."""
-        return self.many(np.asarray(displacement)[None])
-
-    def many(self, displacements: Array) -> Membrane:
-        """Membranes for B displacements (B, N, 2) [m], as one of 2·B layers."""
-        seen = np.ascontiguousarray(displacements, dtype=float)
-        shape = (len(seen), *self._rest.shape)
-        centres, axes = np.empty(shape), np.empty((*shape, 2))
-        for one, centre, axis in zip(seen, centres, axes, strict=True):
-            carry_markers(one, *self._places, centre, axis)
-        centres, axes = centres.reshape(-1, *shape[2:]), axes.reshape(-1, *shape[2:], 2)
+        seen = np.ascontiguousarray(displacement, dtype=float)
+        centres, axes = np.empty(self._rest.shape), np.empty((*self._rest.shape, 2))
+        carry_markers(seen, *self._places, centres, axes)
         return Membrane(centres=centres, axes=axes)
 
 
@@ -100,15 +93,32 @@ def rest_membrane(sensor: SensorDesign, places: Array | None = None) -> Membrane
     return MembraneMap(sensor, 11, places)(np.zeros((11, 2)))
 
 
-def swelling(raised: Array, thickness: float) -> Array:
-    """Factor by which outlines grow where incompressible silicone gets thinner.
+def carried_axes(
+    markers: Markers,
+    half_size: float,
+    tangents: Array,
+    strain: Array,
+    moved: Array,
+    follow: float | Array,
+) -> Array:
+    """Semi-axes of discs that a skin carries, as columns [m], shape (…, M, 3, 2).
 
     Parameters
     ----------
-    raised: outward displacement of the skin [m], any shape
-    thickness: thickness of the silicone that is compressed [m]
+    markers: how the discs follow the skin
+    half_size: their radius [m]
+    tangents: unit vectors along θ and φ at rest as columns, shape (M, 3, 2)
+    strain: derivatives of the discs' displacement along these, shape (…, M, 3, 2)
+    moved: displacement of the skin [m], shape (…, M, 3)
+    follow: share of it that the discs follow, of one shape with (…, M)
     """
-    return np.asarray(1.0 / np.sqrt(np.clip(1.0 + raised / thickness, THINNEST, THICKEST)))
+    axes = half_size * outline_axes(tangents + strain, markers.stretch)
+    if markers.swell_mm:
+        # Outlines grow where incompressible silicone gets thinner.
+        raised = (moved * np.cross(tangents[..., 0], tangents[..., 1])).sum(axis=-1)
+        thickness = np.clip(1.0 + raised / (1e-3 * markers.swell_mm), THINNEST, THICKEST)
+        axes *= (1.0 + follow * (1.0 / np.sqrt(thickness) - 1.0))[..., None, None]
+    return np.asarray(axes)
 
 
 def outline_axes(carried: Array, stretch: float) -> Array:

@@ -215,10 +215,9 @@ def test_estimators_are_never_given_the_truth() -> None:
         "stiffening_of",
     }
     followed = {"Copies", "Ensemble", "copies_of", "place_many", "rest_ensemble"}
-    follow = {"tracking.forces.chain.way_filter", "tracking.forces.chain.skin_images"}
     for module in modules():
         more = supposed if module.startswith("tracking.forces.dome.") else set()
-        more = more | (followed if module in follow else set())
+        more = more | (followed if module == "tracking.forces.chain.way_filter" else set())
         for target, node in imports(module) if room(module) == "tracking" else ():
             if room(target) == "model" and not target.startswith("model.kernels"):
                 assert {alias.name for alias in node.names} <= allowed | more, module

@@ -88,6 +88,8 @@ def contact(fingertip: Fingertip, obj: ContactObject) -> Contact:
         When a hollow is too narrow for the fingertip to enter.
     """
     knots, pieces = _spline(obj.profile)
+    bend = np.array([obj.curvature], dtype=float)
+    lift = _profile_lift(fingertip, knots, pieces) if len(knots) else lifts(fingertip, bend)[0]
     places, factors = np.array(obj.patches, dtype=float).reshape(-1, 2).T.copy()
     # An integer would compile every kernel again.
     return Contact(
@@ -97,7 +99,7 @@ def contact(fingertip: Fingertip, obj: ContactObject) -> Contact:
         exponent=float(obj.dahl_exponent),
         drag=float(obj.drag),
         curvature=float(obj.curvature),
-        lift=_lift(fingertip, obj, knots, pieces),
+        lift=float(lift),
         travel=1.0 if obj.surface == "travels" else 0.0,
         knots=knots,
         pieces=pieces,
@@ -131,23 +133,42 @@ def _spline(profile: tuple[tuple[float, float], ...] | None) -> tuple[Array, Arr
     return x, pieces
 
 
-def _lift(fingertip: Fingertip, obj: ContactObject, knots: Array, pieces: Array) -> float:
-    """Shift of the object along z at which the first node touches [m]."""
+def _profile_lift(fingertip: Fingertip, knots: Array, pieces: Array) -> float:
+    """Shift along z at which an object with a profile first touches a node [m]."""
     x, z = fingertip.rest_positions().T
-    if len(knots):
-        k = np.searchsorted(knots, x)
-        h = x - knots[np.maximum(k - 1, 0)]
-        surface = sum(pieces[k, p] * h**p for p in range(4))
-        return float((z - surface).max())
-    if obj.curvature == 0.0:
-        return float(z.max())
-    radius = 1.0 / obj.curvature
+    k = np.searchsorted(knots, x)
+    h = x - knots[np.maximum(k - 1, 0)]
+    surface = sum(pieces[k, p] * h**p for p in range(4))
+    return float((z - surface).max())
+
+
+def lifts(fingertip: Fingertip, curvature: Array) -> Array:
+    """Shifts along z at which flat or round objects first touch a node [m], shape (B,).
+
+    Parameters
+    ----------
+    curvature: of the objects [1/m], shape (B,)
+
+    Raises
+    ------
+    UserError
+        When a hollow is too narrow for the fingertip to enter.
+    """
+    x, z = fingertip.rest_positions().T
+    wide = abs(x).max()
+    flat = curvature == 0.0
+    radius = 1.0 / np.where(flat, 1.0, curvature)
+    for bend, r in zip(curvature, radius, strict=True):
+        if -wide <= r < 0.0:
+            raise UserError(
+                f"object curvature {bend} 1/m is a hollow of {-r:.4g} m radius, too narrow for a "
+                f"fingertip {wide:.4g} m wide to each side: expected a radius above 0 mm, or of "
+                f"{-1e3 * wide:.4g} mm or less for a hollow"
+            )
+    # Python's power is not always rounded as NumPy's square is; each run has had the former.
+    square = np.array([r**2 for r in radius.tolist()])
+    radius, flat = radius[:, None], flat[:, None]
     under = abs(x) < abs(radius)
-    if radius < 0.0 and not under.all():
-        raise UserError(
-            f"object curvature {obj.curvature!r} 1/m is a hollow of {-radius:.4g} m radius, too "
-            f"narrow for a fingertip {abs(x).max():.4g} m wide to each side: expected a radius "
-            f"above 0 mm, or of {-1e3 * abs(x).max():.4g} mm or less for a hollow"
-        )
-    surface = radius - np.sign(radius) * np.sqrt(radius**2 - x[under] ** 2)
-    return float((z[under] - surface).max())
+    drop = np.sqrt(np.where(under, square[:, None] - x**2, 0.0))
+    surface = np.where(flat, 0.0, radius - np.sign(radius) * drop)
+    return np.asarray(np.where(under | flat, z - surface, -np.inf).max(axis=1))

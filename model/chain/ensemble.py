@@ -19,7 +19,7 @@ from ..kernels.bordered_kernels import Scratch, scratch
 from ..kernels.contact import Contact, contact_frame
 from ..kernels.implicit_kernels import SOLVED, UNSOLVED, Record, Rule, advance
 from ..objects import ContactObject
-from .assembly import Chain, chain, contact
+from .assembly import Chain, chain, contact, lifts
 from .drive import Drive
 from .fingertip import CONTACT_THRESHOLD, Fingertip
 from .plant import IMPLICIT, NO_RECORD, _broken, _in_parts, _memory
@@ -280,15 +280,9 @@ def copies_of(
     Raises
     ------
     UserError
-        When the fingertip does not enter a hollow.
+        When a hollow is too narrow for the fingertip to enter.
     """
-    x, z = fingertip.rest_positions().T
-    if (curvature * abs(x).max() < -1.0).any():
-        raise UserError("a fingertip is too wide for a hollow object of this curvature")
-    # A circle in a form that does not lose a small curvature; nodes beside it never touch.
-    bend = curvature[:, None] * x
-    depth = bend * x / (1.0 + np.sqrt(np.maximum(1.0 - bend**2, 0.0)))
-    lift = np.where(abs(bend) < 1.0, z - depth, -np.inf).max(axis=1)
+    lift = lifts(fingertip, curvature)
     none, travels = np.zeros(len(friction)), np.ones(len(friction))
     columns = (stiffness, friction, dahl_stiffness, dahl_exponent, none, curvature, lift, travels)
     return Copies(chain=chain(fingertip), contacts=np.stack(columns, axis=1))

@@ -54,6 +54,20 @@ def test_gradient_is_the_derivative_along_the_dome() -> None:
         np.testing.assert_allclose(slope, scale * (ahead - behind) / (2 * h), atol=0.02)
 
 
+def test_a_turned_chain_carries_a_turned_skin() -> None:
+    """Several displacements at once, against each by itself on the skin that is turned back."""
+    places, azimuth = geodesic(100, 1.4, 0.1), 2.0
+    several = np.random.default_rng(3).standard_normal((3, NODES, 2))
+    moved, gradients = harmonic_map(SKIN, places, NODES, azimuth).many(several)
+    alone = harmonic_map(SKIN, places - [0.0, azimuth], NODES)
+    cos, sin = np.cos(azimuth), np.sin(azimuth)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    for seen, one, gradient in zip(several, moved, gradients, strict=True):
+        np.testing.assert_allclose(one, alone.displacement(seen) @ turn.T, atol=1e-12)
+        for k, expected in enumerate(alone.gradient(seen)):
+            np.testing.assert_allclose(gradient[..., k], expected @ turn.T, atol=1e-9)
+
+
 def test_discs_keep_their_size_and_tilt_with_the_skin() -> None:
     sensor = load_sensor("thesis")
     membrane_map = MembraneMap(sensor, NODES)

@@ -139,13 +139,12 @@ def predict(
     assert _STATIONS is not None
     tip = replace(calibration.fingertip, nodes=len(_STATIONS), stations=_STATIONS)
     response = MarkerResponse(calibration.sensor, places, tip.angles())
-    at_rest = response.measured(np.zeros((tip.nodes, 2)))
-    shifts = []
+    displacements = [np.zeros((tip.nodes, 2))]
     for press in presses:
         with located(f"press {press.name} cannot be calculated"):
-            displacements = pressed(tip, friction, press.normal, press.lateral)
-        shifts.append(response.measured(displacements) - at_rest)
-    return np.stack(shifts)
+            displacements.append(pressed(tip, friction, press.normal, press.lateral))
+    seen = response.measured(np.stack(displacements))
+    return seen[1:] - seen[0]
 
 
 def solve(

@@ -28,6 +28,7 @@ from ..tracking.forces import (
     alignment,
     body_read,
     calibration_table,
+    check_stiff,
     fit_gains,
     nominal_calibration,
     rest_pose,
@@ -199,6 +200,7 @@ def _measured(nominal: SensorCalibration, pressed: Pressed) -> _Data:
 def _fit_forces(
     nominal: SensorCalibration, pressed: Pressed, tell: Callable[[str], None]
 ) -> tuple[SensorCalibration, FitReport]:
+    check_stiff(nominal.sensor)
     unknowns = unknowns_of(nominal, pressed.presses)
     data = _measured(nominal, pressed)
 

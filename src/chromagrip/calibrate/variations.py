@@ -17,11 +17,10 @@ from ..render import (
     Membrane,
     SensorDesign,
     areas,
+    carried_axes,
     centroids,
     harmonic_map,
-    outline_axes,
     outlines,
-    swelling,
 )
 
 Array = NDArray[np.float64]
@@ -276,14 +275,9 @@ class _Markers:
         metric = (skin.radius - depth)[..., None, None]
         tangents = np.stack(skin.tangents(self._places), axis=-1)
         slope = np.stack([along, around], axis=-1)
-        axes = sensor.half_sizes[layer] * outline_axes(
-            tangents + follow[..., None] / metric * slope, sensor.markers.stretch
-        )
-        if sensor.markers.swell_mm:
-            outwards = np.cross(tangents[..., 0], tangents[..., 1])
-            thinning = (moved * outwards).sum(axis=-1)
-            growth = swelling(thinning, 1e-3 * sensor.markers.swell_mm)
-            axes *= 1.0 + follow[..., None] * (growth[..., None, None] - 1.0)
+        strain = follow[..., None] / metric * slope
+        half_size = sensor.half_sizes[layer]
+        axes = carried_axes(sensor.markers, half_size, tangents, strain, moved, follow[..., 0])
         image = outlines(Membrane(centres=rest + follow * moved, axes=axes), sensor.view)
         log_size = 0.5 * np.log(areas(image, False))
         return np.concatenate([centroids(image, False), log_size[..., None]], axis=-1)

@@ -1,10 +1,13 @@
 """Response of markers to a displacement of the chain, against differences and the renderer."""
 
 import numpy as np
+import pytest
+from msgspec.structs import replace
 
-from chromagrip.model import ContactObject, Fingertip, rest_state, step
-from chromagrip.render import MembraneMap, load_sensor
-from chromagrip.render.outlines import centroids, outlines
+from chromagrip.errors import UserError
+from chromagrip.model import ContactObject, Fingertip, equilibrium, rest_state, step
+from chromagrip.render import Membrane, MembraneMap, load_sensor
+from chromagrip.render.outlines import areas, centroids, outlines
 from chromagrip.tracking.forces.chain.sensitivity import MarkerResponse
 
 SENSOR = load_sensor("thesis")
@@ -46,3 +49,23 @@ def test_prediction_is_what_the_renderer_was_given() -> None:
         np.testing.assert_allclose(whole[:, 3 * layer : 3 * layer + 2], middle, atol=1e-5)
         area = np.linalg.det(shapes) / SENSOR.half_sizes[layer] ** 2
         np.testing.assert_allclose(predicted[:, 3 * layer + 2], 0.5 * np.log(area), atol=1e-9)
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 2.0])
+def test_ink_is_measured_as_it_is_drawn(azimuth: float) -> None:
+    """Of a load in any plane: against the membrane of the layout turned back, which is turned."""
+    ink = replace(SENSOR, markers=replace(SENSOR.markers, stretch=0.6, swell_mm=1.5))
+    places = np.stack([SENSOR.places] * 2)
+    seen = equilibrium(TIP, ContactObject(curvature=60.0), 3.0, 0.6).deformation.seen
+    response = MarkerResponse(ink, places, TIP.nodes, azimuth)
+    cos, sin = np.cos(azimuth), np.sin(azimuth)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    drawn = MembraneMap(ink, TIP.nodes, places - [0.0, azimuth])(seen)
+    turned = Membrane(centres=drawn.centres @ turn.T, axes=turn @ drawn.axes)
+    image = outlines(turned, ink.view)
+    log_size = 0.5 * np.log(areas(image, False))[..., None]
+    expected = np.concatenate([centroids(image, False), log_size], axis=-1)
+    whole = response.measured(seen)
+    np.testing.assert_allclose(whole, np.concatenate(list(expected), axis=-1), atol=1e-4)
+    with pytest.raises(UserError, match="stiff discs only"):
+        response(seen, np.empty((TIP.nodes, 2, 0)))

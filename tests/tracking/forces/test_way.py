@@ -1,4 +1,4 @@
-"""The reconstructor `way`, on markers that another response and shorter steps of the chain draw."""
+"""The reconstructor `way`, on markers of a chain that makes shorter steps."""
 
 from dataclasses import replace
 
@@ -18,7 +18,6 @@ from chromagrip.model import (
     rest_ensemble,
     simulate,
 )
-from chromagrip.model.chain.assembly import contact
 from chromagrip.tracking import NoEstimateError, Tracks
 from chromagrip.tracking.forces.chain.learned import Learned
 from chromagrip.tracking.forces.chain.settings import FilterSettings
@@ -144,11 +143,10 @@ def test_a_way_that_no_contact_explains_is_doubted(run: History) -> None:
 
 @pytest.mark.parametrize("curvature", [0.0, 1e-6, 30.0, 230.0, -60.0])
 def test_copies_touch_where_objects_do(curvature: float) -> None:
-    """A copy is placed on a round or hollow object as the chain is."""
+    """A round or hollow object that the fingertip fits in is first touched by the apex."""
     obj = replace(OBJECT, curvature=curvature)
     alone = copies(TIP, [obj])
-    lift = alone.contacts[0, 6]
-    assert lift == pytest.approx(contact(TIP, obj).lift, abs=1e-12)
+    assert alone.contacts[0, 6] == pytest.approx(TIP.radius, abs=1e-12)
     just, _ = place_many(alone, rest_ensemble(TIP, 1), np.array([[-1e-6, 0.0]]), PERIOD)
     assert alone.sums(just)[0, 0] == 0.0
     pressed, _ = place_many(alone, rest_ensemble(TIP, 1), np.array([[100e-6, 0.0]]), PERIOD)
@@ -156,7 +154,7 @@ def test_copies_touch_where_objects_do(curvature: float) -> None:
 
 
 def test_copies_do_not_enter_a_narrow_hollow() -> None:
-    with pytest.raises(UserError, match="too wide for a hollow"):
+    with pytest.raises(UserError, match="too narrow for a fingertip"):
         copies(TIP, [OBJECT, replace(OBJECT, curvature=-900.0)])
 
 

@@ -9,9 +9,9 @@ from ....render import (
     Membrane,
     SensorDesign,
     areas,
+    carried_axes,
     centroids,
     harmonic_map,
-    outline_axes,
     outlines,
 )
 from ..calibration import check_stiff
@@ -27,15 +27,16 @@ class MarkerResponse:
     sensor: calibrated design
     places: places of the markers at rest, from the rest frame, shape (2, M, 2)
     nodes: number of the chain's nodes, or their places
+    azimuth: azimuth of the plane of the chain [rad]
     """
 
-    def __init__(self, sensor: SensorDesign, places: Array, nodes: int | Array) -> None:
-        check_stiff(sensor)
-        self._view, skin = sensor.view, sensor.shape
-        self._half_sizes = sensor.half_sizes
+    def __init__(
+        self, sensor: SensorDesign, places: Array, nodes: int | Array, azimuth: float = 0.0
+    ) -> None:
+        self._sensor, self._view, skin = sensor, sensor.view, sensor.shape
         self._layers = [
             (
-                harmonic_map(skin, p, nodes),
+                harmonic_map(skin, p, nodes, azimuth),
                 skin.points(p, depth),
                 skin.tangents(p),
                 float(skin.metric(depth)),
@@ -56,7 +57,13 @@ class MarkerResponse:
         -------
         prediction: (x, y, log size) of each layer [px, px, 1], shape (M, 6)
         derivative: derivative along each direction, shape (M, 6, C)
+
+        Raises
+        ------
+        UserError
+            When the markers are not stiff discs.
         """
+        check_stiff(self._sensor)
         predictions, derivatives = [], []
         # Treat the displacement itself as the first direction.
         stacked = np.concatenate([displacement[:, :, None], cases], axis=2)
@@ -100,14 +107,13 @@ class MarkerResponse:
 
     def _outlines(self, displacement: Array) -> Iterator[Array]:
         """Yield the discs' outlines in the picture, by layer, shape (S, M, 6, 2)."""
-        stacked = np.moveaxis(displacement, 0, -1)
         for half, (carry, rest, tangents, metric, follow) in zip(
-            self._half_sizes, self._layers, strict=True
+            self._sensor.half_sizes, self._layers, strict=True
         ):
-            centre = rest + follow * np.moveaxis(carry.displacement(stacked), -1, 0)
-            slope = np.moveaxis(np.stack(carry.gradient(stacked), axis=-1), -2, 0)
-            axes = half * outline_axes(np.stack(tangents, axis=-1) + follow / metric * slope, 0.0)
-            yield outlines(Membrane(centres=centre, axes=axes), self._view)
+            moved, slope = carry.many(displacement)
+            rigid, strain = np.stack(tangents, axis=-1), follow / metric * slope
+            axes = carried_axes(self._sensor.markers, half, rigid, strain, moved, follow)
+            yield outlines(Membrane(centres=rest + follow * moved, axes=axes), self._view)
 
     def _face(self, centre: Array) -> Array:
         """Cross product J₁ × J₂ of the rows of the lens' Jacobian [px²/m²], shape (M, 3)."""

@@ -20,8 +20,8 @@ from ....errors import UserError
 from ....model import Copies, Ensemble, Fingertip, copies_of, place_many, rest_ensemble
 from ....render import SensorDesign
 from ..dome.key_shifts import Shifts
+from .sensitivity import MarkerResponse
 from .settings import FilterSettings
-from .skin_images import SkinImages
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,8 @@ CONSTANTS = ("ln mu", "curvature", "ln stiffness", "ln bristle", "exponent")
 _NUDGE, _UNIT = 4e-6, 1e-6
 #: Size of a common change of all log sizes of a layer, by focus and blur.
 _FOCUS = 5e-3
+#: Columns of a pair's shifts that are places [px].
+_PLACES = [0, 1, 3, 4]
 #: Member whose slopes count for all, by its loss.
 _TYPICAL = 0.25
 #: Number of misfits that are kept, so that a long contact costs no more in each frame.
@@ -107,7 +109,13 @@ class WayFilter:
             tissue_stiffness=fingertip.tissue_stiffness,
             membrane_stiffness=fingertip.membrane_stiffness,
         )
-        self._images = SkinImages(self._tip, sensor, places, azimuth)
+        self._response = MarkerResponse(sensor, places, self._tip.angles(), azimuth)
+        # Nothing, then the whole skin along x and along z: how it lags behind, of 1 px.
+        uniform = np.zeros((3, self._tip.nodes, 2))
+        uniform[1, :, 0] = uniform[2, :, 1] = 1e-5
+        self._rest, *moved = self._response.measured(uniform)
+        lag = np.stack(moved) - self._rest
+        self._lag = lag / np.sqrt((lag[..., _PLACES] ** 2).mean(axis=(1, 2)))[:, None, None]
         self._focus = np.zeros((2, places.shape[1], 6))
         self._focus[0, :, 2] = self._focus[1, :, 5] = _FOCUS
         self.reset()
@@ -164,7 +172,11 @@ class WayFilter:
 
     def _left(self, frame: WayFrame, ensemble: Ensemble) -> Array:
         """What members leave of the whitened shifts, shape (B, V·W)."""
-        left = frame.shifts.residual(self._images(ensemble))
+        seen = ensemble.nodes.copy()
+        seen[:, :, 1] -= ensemble.pose[:, :1]
+        with np.errstate(divide="ignore"):  # a disc seen from its edge has no area
+            shifts = self._response.measured(seen) - self._rest
+        left = frame.shifts.residual(shifts)
         return np.where(np.isfinite(left), left, 10.0)
 
     def _expected(self, copies: Copies, frame: WayFrame) -> tuple[Array, Array]:
@@ -241,7 +253,7 @@ class WayFilter:
     def _nuisance(self, frame: WayFrame, residual: Array) -> _Nuisance:
         """What else moves markers, with the weights of a residual (V·W,)."""
         shifts = frame.shifts
-        lag = self.settings.lag * frame.motion * self._images.lag
+        lag = self.settings.lag * frame.motion * self._lag
         whole = np.sqrt(shifts.weights(residual))
         columns = shifts.apply(np.concatenate([self._focus, lag])[:, shifts.used]).T
         columns = columns * whole[:, None]
