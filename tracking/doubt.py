@@ -18,6 +18,8 @@ from .detection import neighbours
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+#: Step of the whole field in a frame above which it may have been the other way [pitches].
+_LEAP = 0.25
 #: Number of neighbours by which the numbers are moved on.
 _AROUND = 8
 #: Largest distance of a spot from its marker [pitches].
@@ -54,7 +56,7 @@ class Doubt:
         margin = aside > 0.5 * np.linalg.norm(ways, axis=2).min(axis=1, initial=np.inf)
         return cls(mask=np.zeros_like(visible), lost=~visible, margin=margin)
 
-    def stands(self, lost: Mask, far: Mask, few: int) -> bool:
+    def stands(self, lost: Mask, far: Mask, few: int, leap: float) -> bool:
         """Whether there is no reason to judge again: most of the margin is lost or found as before.
 
         Parameters
@@ -62,7 +64,10 @@ class Doubt:
         lost: markers that are lost now, shape (L, M)
         far: markers that moved far, or otherwise than those around them
         few: number of markers whose loss is no reason
+        leap: mean step of the field since the last frame [pitches]
         """
+        if leap > _LEAP and not self.mask.all():
+            return False
         if np.count_nonzero((lost != self.lost) & self.margin) > few:
             return False
         if self.mask.all():
@@ -101,7 +106,11 @@ def doubted(
     moved_on = (at + step for step in _steps(now[0]) for at in (now, whole))
     tried = np.stack([now, whole, *moved_on])
     out = np.stack([hidden(at) for at in tried])
-    explained, missing = _explained(tried, out, present, spots, _REACH * pitch)
+    explained, unseen, missing = _explained(tried, out, present, spots, _REACH * pitch)
+    other = explained[2:].max(initial=0.0)
+    # In a field that fills the picture the edge hides what would tell.
+    alike = (explained + unseen)[2:].max(initial=0.0) >= explained[0] + unseen[0]
+    leap = mean_step(now[0], last[0], pitch)
     torn = _torn(now - last, seen, near, _TORN * pitch)
     count, most = present.sum(), sum(map(len, spots))
     mask = before.mask
@@ -110,7 +119,8 @@ def doubted(
     if most < 0.5 * count:
         pass  # a frame that shows too little
     elif (
-        explained[2:].max(initial=0.0) > explained[0]
+        other > explained[0]
+        or (alike and leap > _LEAP)
         or torn.sum() > _MOST_TORN * seen.sum()
         or (missing > _MOST_TORN * count and most > (1.0 - _MOST_TORN) * count)
     ):
@@ -119,17 +129,24 @@ def doubted(
         mask = seen & (mask | torn)
         # Where a lost marker is found again depends on those around it.
         mask |= ~seen & mask[:, near].any(axis=2)
-    elif explained[0] > explained[2:].max(initial=0.0) and missing <= _FEW_MISSING * count:
+    elif explained[0] > other and missing <= _FEW_MISSING * count:
         mask = torn
     return replace(before, mask=mask, lost=lost)
 
 
+def mean_step(now: Array, last: Array, pitch: float) -> float:
+    """Length of the mean step from the last places (M, 2) to those of now [pitches]."""
+    step = (now - last)[np.isfinite(now[:, 0])]
+    return float(np.hypot(*step.sum(axis=0)) / (max(len(step), 1) * pitch))
+
+
 def _explained(
     tried: Array, out: Mask, present: Mask, spots: list[Array], reach: float
-) -> tuple[Array, int]:
+) -> tuple[Array, Array, int]:
     """Number of spots that have a marker in T tries, one out of sight counts half, shape (T,).
 
-    And number of markers without a spot in the first one.
+    Also half the number of those out of sight, (T,), and number of markers without a spot in the
+    first try.
 
     Parameters
     ----------
@@ -139,7 +156,7 @@ def _explained(
     spots: places of each layer's spots [px], L arrays (n, 2)
     reach: largest distance of a spot from its marker [px]
     """
-    explained, missing = np.zeros(len(tried)), 0
+    explained, unseen, missing = np.zeros(len(tried)), np.zeros(len(tried)), 0
     for layer, (own, there) in enumerate(zip(spots, present, strict=True)):
         off = np.ones((len(tried), there.sum()), dtype=np.bool_)
         if len(own):
@@ -149,9 +166,9 @@ def _explained(
             taken = np.zeros((len(tried), len(own) + 1), dtype=np.bool_)
             np.put_along_axis(taken, np.asarray(spot), values=True, axis=1)
             explained += taken[:, :-1].sum(axis=1)
-        explained += 0.5 * (off & out[:, layer, there]).sum(axis=1)
+        unseen += 0.5 * (off & out[:, layer, there]).sum(axis=1)
         missing += int((off & ~out[:, layer, there])[0].sum())
-    return explained, missing
+    return explained + unseen, unseen, missing
 
 
 def _torn(step: Array, seen: Mask, near: NDArray[np.int64], limit: float) -> Mask:

@@ -268,6 +268,8 @@ def test_pictures_that_are_missing_are_counted_as_dropped(tmp_path: Path) -> Non
         ("left_{}", "right_{}", range(5), range(5)),
         ("{}-left", "{}-right", range(5), range(2, 9)),
         ("cam0_{:03d}", "cam1_{:03d}", range(5), range(5)),
+        ("{:03d}_1", "{:03d}_2", range(5), range(5)),
+        ("17000{}_a", "17000{}_b", range(1, 90, 7), range(3, 93, 7)),  # times
         ("press{}", "rest{}", range(30), range(4)),
     ],
 )
@@ -277,11 +279,20 @@ def test_pictures_of_two_cameras_are_not_read_one_after_the_other(
     for form, counted in ((one, numbers), (other, others)):
         for k in counted:
             cv2.imwrite(str(tmp_path / f"{form.format(k)}.png"), np.full((4, 5, 3), k, np.uint8))
-    with pytest.raises(UserError, match="two series of pictures") as refused:
+    with pytest.raises(UserError, match="has .* beside") as refused:
         open_source(str(tmp_path))
-    pattern = str(refused.value).split("'")[1]
+    pattern = str(refused.value).split("'")[1]  # of one of them
     assert open_source(pattern).count in (len(numbers), len(others))
     assert open_source(f"{tmp_path}/*").count == len(numbers) + len(others)
+
+
+def test_a_picture_beside_a_series_is_not_taken_for_its_end(tmp_path: Path) -> None:
+    for name in (*(f"frame-{k}" for k in range(6)), "mask", "rest"):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((4, 5, 3), 7, np.uint8))
+    with pytest.raises(UserError, match="has mask beside frame-"):
+        open_source(str(tmp_path))
+    assert open_source(f"{tmp_path}/frame-*.png").count == 6
+    assert open_source(str(tmp_path), without=tmp_path / "mask.png").count == 6
 
 
 def test_minutes_are_not_taken_for_cameras(tmp_path: Path) -> None:

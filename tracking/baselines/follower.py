@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...errors import UserError
 from ...render import Frame
 from ..detection import RestFrame, check_each_layer, neighbours, read_rest
-from ..doubt import Doubt, doubted
+from ..doubt import Doubt, doubted, mean_step
 from ..edge import Edge
 from ..fit.relocate import Relocator
 from ..palette import Palette
@@ -174,7 +174,8 @@ class Follower:
             last_seen=np.where(visible, frame.time, before.last_seen),
             doubt=before.doubt,
         )
-        if not before.doubt.stands(lost, far, settings.few):
+        leap = mean_step(self.state.shift[0], before.shift[0], self._pitch)
+        if not before.doubt.stands(lost, far, settings.few, leap):
             self.state = replace(self.state, doubt=self._doubted(before, lost, frame.image))
         unknown = np.full((layers, count), np.nan)
         size = unknown if measured.log_size is None else measured.log_size

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...render import Frame
-from ..doubt import Doubt, doubted
+from ..doubt import Doubt, doubted, mean_step
 from ..palette import Palette
 from ..trackers import check_frame
 from ..tracks import Tracks
@@ -181,11 +181,12 @@ def _doubting(
 ) -> Memory:
     """Judge whether the numbers are certain, if several were lost or found again, see `doubt`."""
     lost = ~(look.visible & ~look.on_others).T[: known.layers]
-    if memory.doubt.stands(lost, look.torn, known.settings.few):
-        return memory
-    spots = known.relocator.blobs(image)[0] if relocated is None else relocated.blobs
     fits = (known.state.fits, before.start.fits, memory.start.fits)
     rest, last, now = (_places(known, each) for each in fits)
+    leap = mean_step(now[0], last[0], known.pitch)
+    if memory.doubt.stands(lost, look.torn, known.settings.few, leap):
+        return memory
+    spots = known.relocator.blobs(image)[0] if relocated is None else relocated.blobs
     near, hidden = known.fit.near, known.edge.at_rest(rest).hidden
     doubt = doubted(memory.doubt, (rest, last, now), lost, known.pitch, near, spots, hidden)
     return replace(memory, doubt=doubt)

@@ -111,34 +111,46 @@ def _files(name: str, without: Path | None) -> tuple[list[Path], list[Path]]:
             f"'{path}/*{twice.suffix}'"
         )
     files = sorted(files, key=_natural)
-    if path.is_dir():
+    if path.is_dir() and not (path / FRAME_LIST).is_file():
         _refuse_two_series(files, path)
     return files, there
 
 
-def _series(files: list[Path]) -> dict[tuple[str, str], list[int]]:
-    """Last numbers in the names of files, by what stands before and after them."""
-    series: dict[tuple[str, str], list[int]] = {}
+def _series(files: list[Path]) -> dict[str, list[int]]:
+    """Numbers of pictures by the rest of their names, with * in the place of the number.
+
+    Of several numbers in a name the one that differs most counts.
+    """
+    forms: dict[str, list[list[str]]] = {}
     for path in files:
-        before, number, after = re.findall(r"^(.*?)(\d*)(\D*)$", path.stem)[0]
-        if number:
-            series.setdefault((before, after), []).append(int(number))
+        parts = re.split(r"(\d+)", path.stem)
+        forms.setdefault("*".join(parts[::2]), []).append(parts)
+    series: dict[str, list[int]] = {}
+    for names in forms.values():
+        columns = range(1, len(names[0]), 2)
+        column = max(columns, key=lambda k: (len({parts[k] for parts in names}), k), default=0)
+        for parts in names:
+            number = int(parts[column]) if column else 0
+            form = [*parts[:column], "*", *parts[column + 1 :]] if column else parts
+            series.setdefault("".join(form), []).append(number)
     return series
 
 
 def _refuse_two_series(files: list[Path], folder: Path) -> None:
-    """Refuse the pictures of two cameras, which would be read one after the other."""
-    series = {"*".join(ends): set(numbers) for ends, numbers in _series(files).items()}
-    one = max(series, key=lambda name: len(series[name]), default="")
+    """Refuse other pictures beside a series, and two of them: one would follow the other."""
+    series = {form: set(numbers) for form, numbers in _series(files).items()}
+    one = max(series, key=lambda form: len(series[form]), default="")
+    if len(series.get(one, ())) < 4:
+        return  # pictures with names of their own
     for other in series.keys() - {one}:
         named = re.sub(r"\d+", "", one) != re.sub(r"\d+", "", other)
         # One number may be that of a camera; several are often a time.
         counted = series[one] == series[other] and len(re.findall(r"\d+", one)) == 1
-        same = len(series[one] & series[other])
-        if same >= max(3.0, len(series[other]) / 2) and (named or counted):
+        if named or counted:
+            pattern = one.replace("*", "[0-9]*")
             raise UserError(
-                f"folder {folder} has two series of pictures, {one} and {other}; give one of them "
-                f"as '{folder}/{one}.*', or all as '{folder}/*'"
+                f"folder {folder} has {other} beside {one}; give one of them as "
+                f"'{folder}/{pattern}.*', or all as '{folder}/*'"
             )
 
 
