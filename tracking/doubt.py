@@ -6,7 +6,6 @@ So whenever several markers are lost or found again, all numbers are tried moved
 If more of the spots are explained then, no number is certain, until the own ones explain more.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from .detection import neighbours
+from .edge import Edge
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -82,7 +82,7 @@ def doubted(
     pitch: float,
     near: NDArray[np.int64],
     spots: list[Array],
-    hidden: Callable[[Array], Mask],
+    edge: Edge,
 ) -> Doubt:
     """Judge the numbers of a frame in which markers were lost or found again, or moved far.
 
@@ -95,7 +95,7 @@ def doubted(
     pitch: typical distance to the nearest other marker [px]
     near: indices of K neighbours of each marker, shape (M, K)
     spots: places of each layer's spots in this frame [px], L arrays (n, 2)
-    hidden: tells which places (L, M, 2) lie out of sight
+    edge: edge of the field, for markers at these places at rest
     """
     rest, last, now = places
     present = np.isfinite(rest[..., 0])
@@ -105,11 +105,11 @@ def doubted(
     whole = rest + np.nanmedian(moved, axis=1, keepdims=True)
     moved_on = (at + step for step in _steps(now[0]) for at in (now, whole))
     tried = np.stack([now, whole, *moved_on])
-    out = np.stack([hidden(at) for at in tried])
-    explained, unseen, missing = _explained(tried, out, present, spots, _REACH * pitch)
+    out = np.stack([edge.hidden(at) for at in tried])
+    explained, left, missing = _explained(tried, out, rest, spots, _REACH * pitch, edge)
     other = explained[2:].max(initial=0.0)
     # In a field that fills the picture the edge hides what would tell.
-    alike = (explained + unseen)[2:].max(initial=0.0) >= explained[0] + unseen[0]
+    alike = left[2:].min(initial=np.inf) <= left[0]
     leap = mean_step(now[0], last[0], pitch)
     torn = _torn(now - last, seen, near, _TORN * pitch)
     count, most = present.sum(), sum(map(len, spots))
@@ -141,23 +141,27 @@ def mean_step(now: Array, last: Array, pitch: float) -> float:
 
 
 def _explained(
-    tried: Array, out: Mask, present: Mask, spots: list[Array], reach: float
+    tried: Array, out: Mask, rest: Array, spots: list[Array], reach: float, edge: Edge
 ) -> tuple[Array, Array, int]:
     """Number of spots that have a marker in T tries, one out of sight counts half, shape (T,).
 
-    Also half the number of those out of sight, (T,), and number of markers without a spot in the
-    first try.
+    Also number of markers in sight without a spot, and of spots without a marker that did not come
+    in over the edge, (T,), and number of markers in sight without a spot in the first try.
 
     Parameters
     ----------
     tried: places of the markers in each try [px], shape (T, L, M, 2)
     out: which of them are out of sight, shape (T, L, M)
-    present: whether each layer has a marker, shape (L, M)
+    rest: places at rest [px], NaN where a layer has none, shape (L, M, 2)
     spots: places of each layer's spots [px], L arrays (n, 2)
     reach: largest distance of a spot from its marker [px]
+    edge: edge of the field
     """
-    explained, unseen, missing = np.zeros(len(tried)), np.zeros(len(tried)), 0
-    for layer, (own, there) in enumerate(zip(spots, present, strict=True)):
+    explained, left, missing = np.zeros((2, len(tried))), np.zeros(len(tried)), 0
+    for layer, (own, at_rest) in enumerate(zip(spots, rest, strict=True)):
+        there = np.isfinite(at_rest[:, 0])
+        if not there.any():
+            continue
         off = np.ones((len(tried), there.sum()), dtype=np.bool_)
         if len(own):
             query = scipy.spatial.KDTree(own).query
@@ -165,10 +169,13 @@ def _explained(
             off = ~np.isfinite(apart)
             taken = np.zeros((len(tried), len(own) + 1), dtype=np.bool_)
             np.put_along_axis(taken, np.asarray(spot), values=True, axis=1)
-            explained += taken[:, :-1].sum(axis=1)
-        unseen += 0.5 * (off & out[:, layer, there]).sum(axis=1)
+            explained[0] += taken[:, :-1].sum(axis=1)
+            shift = (tried[:, layer, there] - at_rest[there]).mean(axis=1)
+            left += (~taken[:, :-1] & ~edge.outside(own - shift[:, None])).sum(axis=1)
+        explained[1] += 0.5 * (off & out[:, layer, there]).sum(axis=1)
+        left += (off & ~out[:, layer, there]).sum(axis=1)
         missing += int((off & ~out[:, layer, there])[0].sum())
-    return explained + unseen, unseen, missing
+    return explained.sum(axis=0), left, missing
 
 
 def _torn(step: Array, seen: Mask, near: NDArray[np.int64], limit: float) -> Mask:

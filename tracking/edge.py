@@ -53,6 +53,10 @@ class Edge:
         room = np.where(inside > 0.0, (inside - 1.5) / np.sqrt(2.0), np.inf)  # pixels are rounded
         return Edge(inside=self.inside, rest=position, room=room)
 
+    def outside(self, points: Array) -> NDArray[np.bool_]:
+        """Mask of points (..., 2) [px] at which the edge cuts a marker, or hides it."""
+        return _at_places(self.inside, points) <= 0.0
+
     def hidden(self, position: Array) -> NDArray[np.bool_]:
         """Mask (...) of the markers that it cuts, though it did not at rest."""
         moved = abs(position - self.rest)

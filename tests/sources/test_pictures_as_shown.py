@@ -279,7 +279,7 @@ def test_pictures_of_two_cameras_are_not_read_one_after_the_other(
     for form, counted in ((one, numbers), (other, others)):
         for k in counted:
             cv2.imwrite(str(tmp_path / f"{form.format(k)}.png"), np.full((4, 5, 3), k, np.uint8))
-    with pytest.raises(UserError, match="has .* beside") as refused:
+    with pytest.raises(UserError, match=r"has .* beside") as refused:
         open_source(str(tmp_path))
     pattern = str(refused.value).split("'")[1]  # of one of them
     assert open_source(pattern).count in (len(numbers), len(others))

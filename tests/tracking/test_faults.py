@@ -219,6 +219,24 @@ def test_a_jump_between_the_markers_is_told_by_the_margin(
     assert found["right"] == 4 * len(field.places)
 
 
+@pytest.mark.parametrize("name", TRACKERS)
+@pytest.mark.parametrize("way", [(0.55, 0.0), (0.0, -0.6), (0.7, 0.0), (0.5, 0.45)])
+@pytest.mark.parametrize("begin", [0.5, -0.6])
+def test_where_dots_fill_the_picture_a_leap_leaves_no_number_certain(
+    begin: float, way: tuple[float, float], name: str
+) -> None:
+    """Rows go over an edge and come in over the other, so that the margin tells nothing."""
+    pitch, shape = 28.0, (210, 270)
+    x, y = np.meshgrid(*(np.arange(begin - 2.0, side / pitch + 2.0) for side in shape[::-1]))
+    field = Field(pitch * np.stack([x.ravel(), y.ravel()], axis=-1), pitch, 7.0, shape)
+    jump = pitch * np.array(way)
+    steps = [0.0 * jump] * 4 + [jump] * 4
+    found = counts(name, field, [moved(field, step, k) for k, step in enumerate(steps)])
+    assert found["unflagged wrong"] == 0
+    still = [moved(field, 0.1 * jump, k) for k in range(8)]
+    assert counts(name, field, still)["flagged right"] == 0
+
+
 @pytest.mark.parametrize("name", ["fit", "blob"])
 def test_each_fault_is_followed_or_flagged(name: str) -> None:
     judged(name, range(len(FAULTS)))

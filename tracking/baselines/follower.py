@@ -195,8 +195,7 @@ class Follower:
         """Judge which numbers are certain."""
         rest, spots = self._origin, self._relocator.blobs(np.ascontiguousarray(image))[0]
         places = (rest, rest + before.shift, rest + self.state.shift)
-        hidden = self._edge.hidden
-        return doubted(before.doubt, places, lost, self._pitch, self._near, spots, hidden)
+        return doubted(before.doubt, places, lost, self._pitch, self._near, spots, self._edge)
 
 
 def nearest(points: Array, expected: Array, reach: float, mutual: bool) -> NDArray[np.intp]:

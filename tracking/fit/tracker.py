@@ -187,8 +187,8 @@ def _doubting(
     if memory.doubt.stands(lost, look.torn, known.settings.few, leap):
         return memory
     spots = known.relocator.blobs(image)[0] if relocated is None else relocated.blobs
-    near, hidden = known.fit.near, known.edge.at_rest(rest).hidden
-    doubt = doubted(memory.doubt, (rest, last, now), lost, known.pitch, near, spots, hidden)
+    near, edge = known.fit.near, known.edge.at_rest(rest)
+    doubt = doubted(memory.doubt, (rest, last, now), lost, known.pitch, near, spots, edge)
     return replace(memory, doubt=doubt)
 
 
