@@ -131,7 +131,7 @@ def finder(palette: str, within: Within) -> Find:
             times = opened[0] // height
             part = part[: height * times : times, : width * times : times]
         if known is not None and part is None and _as_designed(known, image):
-            return known
+            return _with_dots(known, image)
         if seen is None or part is not None:
             seen = sight(image, part)
         return (
@@ -145,6 +145,19 @@ def _as_designed(palette: Palette, image: Image) -> bool:
     """Whether a picture has the size that a known sensor's camera gives."""
     view = None if palette.sensor is None else palette.sensor.view
     return view is not None and image.shape[:2] == (view.height, view.width)
+
+
+def _with_dots(palette: Palette, image: Image) -> Palette:
+    """Palette of a known sensor; of one layer with the dots that are seen, if there are any.
+
+    A camera of that kind need not show exactly the dots of the design.
+    """
+    if palette.sensor is None or palette.sensor.yellow is not None:
+        return palette
+    try:
+        return replace(palette, seen=sight(image))
+    except UserError:
+        return palette
 
 
 def assumed(name: str, palette: Palette, within: Within, times: int) -> Assumed:
