@@ -106,10 +106,12 @@ def detect_markers(
 
 
 def check_told_apart(layers: Sequence[Markers | Spots], palette: Palette) -> None:
-    """Refuse the picture from which a palette was learned if few of its dots are told apart."""
+    """Refuse a picture if few of the dots that are seen, or a known sensor has, are told apart."""
     found, dots = sum(len(layer.area) for layer in layers), 0
     if palette.seen is not None:
         dots = len(palette.seen.position)
+    elif palette.sensor is not None:
+        dots = len(palette.sensor.places)
     if found < dots / 2:
         raise UserError(
             f"{found} of the {dots} dots in the image stand out from what is around them; wanted: "

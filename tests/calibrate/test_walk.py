@@ -349,7 +349,7 @@ def test_a_lens_that_leaves_its_model_open_is_asked_about(tmp_path: Path) -> Non
     size, matrix = (320, 240), [[150.0, 0, 160.0], [0, 150.0, 120.0], [0, 0, 1]]
     np.savez(tmp_path / "lens.npz", K=matrix, D=[0.01, 0, 0, 0], image_size=size)
     sensor, out = design_file(tmp_path, DESIGN), tmp_path / "mine"
-    with pytest.raises(UserError, match=r"does not say whether .* or --camera-model"):
+    with pytest.raises(UserError, match=r"does not say whether .* --camera-model"):
         Bench(DESIGN).walk(out, sensor, lens=tmp_path / "lens.npz")
     out.mkdir(exist_ok=True)
     name = _with_lens(sensor, tmp_path / "lens.npz", "fisheye", out)

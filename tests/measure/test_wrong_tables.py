@@ -223,3 +223,51 @@ def test_tables_in_utf_16_are_read(tmp_path: Path, encoding: str) -> None:
     path.write_bytes(path.read_bytes()[:-1])
     with pytest.raises(UserError, match=r"wide.csv: it cannot be read: "):
         read_points(path)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_tables_that_count_frames_and_pixels_from_one_are_named(seed: int) -> None:
+    """As MATLAB counts."""
+    draw = np.random.default_rng([7, seed])
+    true = recording(draw, pressed=40.0)
+    points = tracked(draw, true, 0.05, 0.0)
+    moved = np.full_like(points.position, np.nan)
+    moved[1:] = points.position[:-1] + 1.0
+    visible = np.zeros_like(points.visible)
+    visible[1:] = points.visible[:-1]
+    words = said(replace(points, position=moved, visible=visible), true)
+    assert "counted from one less" in words
+    assert "(x - 1, y - 1)" in words
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("when", [5, 12])
+def test_numbers_that_change_along_the_way_are_named(when: int, seed: int) -> None:
+    draw = np.random.default_rng([8, when, seed])
+    true = recording(draw, pressed=8.0)
+    points = tracked(draw, true, 0.1, 0.05)
+    before, after = points.visible.copy(), points.visible.copy()
+    before[when:], after[:when] = False, False
+    names = [(layer, 5000 + k) for layer, k in points.names]
+    both = Points(
+        names=[*points.names, *names],
+        position=np.concatenate([points.position] * 2, axis=1),
+        visible=np.concatenate([before, after], axis=1),
+    )
+    assert "numbers change" in said(both, true)
+    assert said(points, true) == ""
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_points_and_frames_that_are_exchanged_are_named(seed: int) -> None:
+    draw = np.random.default_rng([9, seed])
+    true = recording(draw, pressed=8.0)
+    true = true.part(np.arange(len(true.names) // 2))  # one layer
+    points = tracked(draw, true, 0.1, 0.0)
+    count = len(points.visible)
+    turned = Points(
+        names=[("magenta", k) for k in range(count)],
+        position=np.swapaxes(points.position, 0, 1),
+        visible=points.visible.T,
+    )
+    assert "points and frames seem to be exchanged" in said(turned, true)

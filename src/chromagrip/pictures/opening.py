@@ -165,7 +165,8 @@ def _reset(
         if noise_words == _GIVEN:
             raise
         raise UserError(
-            f"{error}; the noise was taken as {noise:.2f} levels, give --noise if it is more"
+            f"{error}; the noise was taken as {noise:.2f} levels, give --noise if it is more, or "
+            "--crop or --mask if something else was taken for the sensor"
         ) from None
 
 

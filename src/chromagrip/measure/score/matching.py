@@ -24,6 +24,8 @@ _LEFT_FRAMES, _LEFT_PLACES = 0.5, 0.2
 _UNSCALED, _ABOUT = 0.002, 0.1
 #: Fewest points that a change of the places is fitted to, and times that it is.
 _FEWEST, _TURNS = 4, 4
+#: Share of the lost points that are there with another number, above which numbers change.
+_RENUMBERED = 0.5
 #: Places nearer to (0, 0) than this share of the truth's farthest are not in its pixels.
 _CLOSE = 0.25
 
@@ -93,6 +95,9 @@ def doubt(tracked: Points, true: Points) -> str:
     layers = set(tracked.layers) & set(true.layers) or {*tracked.layers, *true.layers}
     tracked, true = (p.part(np.isin(p.layers, [*layers])) for p in (tracked, true))
     said = []
+    own_shape, true_shape = tracked.visible.shape, true.visible.shape
+    if own_shape == true_shape[::-1] and own_shape != true_shape:
+        said.append("points and frames seem to be exchanged")
     for value in (0.0, -1.0):
         rows, real = (p.visible & (p.position == value).all(axis=2) for p in (tracked, true))
         if rows.any() and not real.any():
@@ -112,7 +117,11 @@ def doubt(tracked: Points, true: Points) -> str:
     more = len(shifted.own) > len(as_is.own) + 0.8 * as_is.possible / len(frames)
     fits = [shifted] * bool(left < _LEFT_FRAMES * error or (more and left <= error))
     if error > _LEAST and min(len(own.names), len(truth.names)) >= _FEWEST:
-        fits += [fit for fit in _placed(own, truth) if fit.error < _LEFT_PLACES * error]
+        both = ("", own), (f"{words}less; ", later), (f"{words}more; ", earlier)
+        placed = [
+            fit._replace(words=f"{w}{fit.words}") for w, p in both for fit in _placed(p, truth)
+        ]
+        fits += [fit for fit in placed if fit.error < _LEFT_PLACES * error]
     if fits:
         least = min(fit.error for fit in fits)
         best = next(fit for fit in fits if fit.error <= 2.0 * least)  # the simplest of the like
@@ -125,7 +134,23 @@ def doubt(tracked: Points, true: Points) -> str:
         near, far = (np.quantile(np.abs(p.position[p.visible]), 0.9) for p in (own, truth))
         if near < _CLOSE * far:
             return f"most places are within {near:.2g} of (0, 0): displacements, or not in pixels?"
+    if not fits and (share := _renumbered(own, truth)) > _RENUMBERED:
+        said.append(f"where points are lost, {share:.0%} have one of a new number: numbers change")
     return "; ".join(said)
+
+
+def _renumbered(tracked: Points, true: Points) -> float:
+    """Share of the lost true points at whose place is a tracked one of another number, if many."""
+    numbers = matched(tracked, true)
+    found = tracked.visible[:, numbers] & (numbers >= 0)
+    lost, there = true.visible & ~found, 0
+    for k, some in enumerate(lost):
+        own = tracked.position[k, tracked.visible[k]]
+        if some.any() and len(own):
+            place, others = true.position[k, some], true.position[k, true.visible[k]]
+            near = np.asarray(KDTree(own).query(place)[0])
+            there += int((near < 0.5 * _NEAR * _spacing(place, others)).sum())
+    return there / lost.sum() if lost.sum() > _RENUMBERED**4 * true.visible.sum() else 0.0
 
 
 def _at(points: Points, frames: NDArray[np.intp]) -> Points:
