@@ -295,6 +295,14 @@ def test_a_picture_beside_a_series_is_not_taken_for_its_end(tmp_path: Path) -> N
     assert open_source(str(tmp_path), without=tmp_path / "mask.png").count == 6
 
 
+def test_a_folder_of_pictures_further_down_is_named(tmp_path: Path) -> None:
+    (tmp_path / "left").mkdir()
+    (tmp_path / "empty").mkdir()
+    cv2.imwrite(str(tmp_path / "left" / "1.png"), np.zeros((4, 5, 3), np.uint8))
+    with pytest.raises(UserError, match="its folder left has: give that"):
+        open_source(str(tmp_path))
+
+
 def test_minutes_are_not_taken_for_cameras(tmp_path: Path) -> None:
     for minute in range(3):
         for second in range(0, 60, 9):

@@ -97,6 +97,8 @@ def _files(name: str, without: Path | None) -> tuple[list[Path], list[Path]]:
     if not files:
         others = sorted({kind for p in there if p.is_file() and (kind := unread_kind(p))})
         but = f" but {', '.join(others)}, which is not read" if others else ""
+        if inner := next((p for p in sorted(there) if _has_pictures(p)), None):
+            raise UserError(f"{place} has no pictures, but its folder {inner.name} has: give that")
         raise UserError(f"{place} has no pictures{but}; expected {', '.join(SUFFIXES)} files")
     if there != [path]:
         files = [p for p in files if without is None or not p.samefile(without)]
@@ -163,6 +165,10 @@ def _periods(files: list[Path]) -> list[int]:
         if step > 0 and 2 * times >= len(steps) and all(k > 0 and k % step == 0 for k in steps):
             return [(number - numbers[0][0]) // step for number in numbers[0]]
     return list(range(len(files)))
+
+
+def _has_pictures(path: Path) -> bool:
+    return path.is_dir() and any(is_picture(each) for each in path.iterdir())
 
 
 def _lossy(path: Path) -> bool:
