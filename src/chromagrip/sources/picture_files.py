@@ -168,7 +168,7 @@ def _periods(files: list[Path]) -> list[int]:
 
 
 def _has_pictures(path: Path) -> bool:
-    return path.is_dir() and any(is_picture(each) for each in path.iterdir())
+    return any(map(is_picture, path.glob("*")))  # none where it cannot be read
 
 
 def _lossy(path: Path) -> bool:
