@@ -72,7 +72,7 @@ def test_a_video_is_shown_again(taken: Path, tmp_path: Path, until: Until) -> No
     from chromagrip.sources import open_source
 
     video = VideoFile(tmp_path / "taken.mkv", 50, codec="ffv1")
-    for frame in open_source(str(taken)).frames():
+    for frame in open_source(str(taken), fps=50.0).frames():
         video.append(frame.image)
     video.close()
     with watching(looking(tmp_path / "taken.mkv")) as (watcher, watched):

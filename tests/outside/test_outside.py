@@ -131,8 +131,11 @@ def taken(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run(SCENE, folder / "run", frames="png")
     frames = folder / "run/frames"
     (frames / "frames.csv").unlink()  # it does not list those at rest
-    (frames / "rest.png").rename(frames / "a-1.png")
-    (frames / "a-2.png").write_bytes((frames / "a-1.png").read_bytes())
+    pictures = sorted(frames.glob("frame-*.png"))
+    for number, picture in reversed([*enumerate(pictures, 2)]):
+        picture.rename(frames / f"frame-{number:05d}.png")
+    (frames / "rest.png").rename(frames / "frame-00000.png")
+    (frames / "frame-00001.png").write_bytes((frames / "frame-00000.png").read_bytes())
     return frames
 
 

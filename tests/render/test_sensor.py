@@ -117,7 +117,7 @@ def test_a_design_says_which_model_a_camera_file_leaves_open(tmp_path: Path) -> 
     found = load_sensor(changed(tmp_path, own)).view.camera
     assert isinstance(found, FisheyeCamera)
     assert found.distortion == tuple(four)
-    with pytest.raises(UserError, match=r"does not say whether .* give camera.model in the design"):
+    with pytest.raises(UserError, match=r"does not say whether .* give model in \[camera\]"):
         load_sensor(changed(tmp_path, own | {"camera.model": None}))
     np.savez(tmp_path / "lens.npz", mtx=matrix, dist=four, distortion_model="plumb_bob")
     with pytest.raises(UserError, match="its lens is a pinhole, not a fisheye"):
