@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from glob import glob
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -160,7 +161,7 @@ def _periods(files: list[Path]) -> list[int]:
     """Number of periods from the first to each of n files, of which some may be missing, (n,)."""
     numbers = list(_series(files).values())
     if len(numbers) == 1 and len(numbers[0]) == len(files) > 3:
-        steps = np.diff(numbers[0]).tolist()
+        steps = [after - before for before, after in pairwise(numbers[0])]
         step, times = Counter(steps).most_common(1)[0]
         if step > 0 and 2 * times >= len(steps) and all(k > 0 and k % step == 0 for k in steps):
             return [(number - numbers[0][0]) // step for number in numbers[0]]
