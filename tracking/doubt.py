@@ -6,6 +6,7 @@ So whenever several markers are lost or found again, all numbers are tried moved
 If more of the spots are explained then, no number is certain, until the own ones explain more.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,7 +111,7 @@ def doubted(
     other = explained[2:].max(initial=0.0)
     # In a field that fills the picture the edge hides what would tell.
     alike = left[2:].min(initial=np.inf) <= left[0]
-    leap = mean_step(now[0], last[0], pitch)
+    leap = mean_step(now[0, present[0]], last[0, present[0]], pitch)
     torn = _torn(now - last, seen, near, _TORN * pitch)
     count, most = present.sum(), sum(map(len, spots))
     mask = before.mask
@@ -136,8 +137,8 @@ def doubted(
 
 def mean_step(now: Array, last: Array, pitch: float) -> float:
     """Length of the mean step from the last places (M, 2) to those of now [pitches]."""
-    step = (now - last)[np.isfinite(now[:, 0])]
-    return float(np.hypot(*step.sum(axis=0)) / (max(len(step), 1) * pitch))
+    x, y = (now - last).mean(axis=0)
+    return math.hypot(x, y) / pitch
 
 
 def _explained(

@@ -182,10 +182,10 @@ def _doubting(
     """Judge whether the numbers are certain, if several were lost or found again, see `doubt`."""
     lost = ~(look.visible & ~look.on_others).T[: known.layers]
     fits = (known.state.fits, before.start.fits, memory.start.fits)
-    rest, last, now = (_places(known, each) for each in fits)
-    leap = mean_step(now[0], last[0], known.pitch)
+    leap = mean_step(fits[2][:, 0, :2], fits[1][:, 0, :2], known.pitch)
     if memory.doubt.stands(lost, look.torn, known.settings.few, leap):
         return memory
+    rest, last, now = (_places(known, each) for each in fits)
     spots = known.relocator.blobs(image)[0] if relocated is None else relocated.blobs
     near, edge = known.fit.near, known.edge.at_rest(rest)
     doubt = doubted(memory.doubt, (rest, last, now), lost, known.pitch, near, spots, edge)
