@@ -309,7 +309,9 @@ def _detect(
     # Replace the closing by the mean of pixels that are certainly ground.
     count = max(1, len(areas) // len(densities))
     scale = float(np.sqrt(field.sum() / count))
-    for margin in (3, 2):
+    # Between dense markers there is none; that beside them does not tell the light among them.
+    dense = palette.seen is not None and palette.seen.pitch < 2.7 * palette.seen.radius
+    for margin in () if dense else (3, 2):
         plain = plain_pixels(densities * field, field, margin)
         if plain.sum() > 0.02 * field.sum():
             ground = estimate_ground(linear, plain, scale)

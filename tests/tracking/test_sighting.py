@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
@@ -129,6 +129,7 @@ def test_sizes_may_scatter_by_a_factor_of_two(
     staggered=st.booleans(),
     colours=st.sampled_from([COLOURS[0], COLOURS[1], COLOURS[4]]),
 )
+@example(radius=5.0, apart=2.41796875, staggered=True, colours=COLOURS[0])
 def test_the_ground_between_dense_dots_is_not_taken_for_dots(
     radius: float, apart: float, staggered: bool, colours: tuple[Light, Light]
 ) -> None:
