@@ -174,8 +174,9 @@ def _explained(
             shift = (tried[:, layer, there] - at_rest[there]).mean(axis=1)
             left += (~taken[:, :-1] & ~edge.outside(own - shift[:, None])).sum(axis=1)
         explained[1] += 0.5 * (off & out[:, layer, there]).sum(axis=1)
-        left += (off & ~out[:, layer, there]).sum(axis=1)
-        missing += int((off & ~out[:, layer, there])[0].sum())
+        in_sight = (off & ~out[:, layer, there]).sum(axis=1)
+        left += in_sight
+        missing += int(in_sight[0])
     return explained.sum(axis=0), left, missing
 
 

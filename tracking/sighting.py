@@ -251,18 +251,21 @@ def _nearest(position: Array) -> Array:
     return np.asarray(scipy.spatial.KDTree(position).query(position, k=2)[0])[:, 1]
 
 
+def _near(position: Array, settings: SightSettings) -> tuple[Array, NDArray[np.intp]]:
+    """Distances to the nearest other spots of n spots (n, 2), and their indices, both (n, K)."""
+    near = min(settings.neighbours + 1, len(position))
+    apart, other = scipy.spatial.KDTree(position).query(position, k=near)
+    return np.asarray(apart)[:, 1:], np.asarray(other)[:, 1:]
+
+
 def _packed(position: Array, area: Array, settings: SightSettings) -> Mask:
     """Mask (n,) of spots whose nearest one of their size is hardly further than their width."""
     if len(area) < 3:
         return np.zeros(len(area), dtype=bool)
-    near = min(settings.neighbours + 1, len(area))
-    apart, other = (
-        np.asarray(v)[:, 1:] for v in scipy.spatial.KDTree(position).query(position, k=near)
-    )
+    apart, other = _near(position, settings)
     close = apart < settings.packed * np.sqrt(area / np.pi)[:, None]
-    return (close & (abs(np.log(area[:, None] / area[other])) < np.log(settings.packed_size))).any(
-        axis=1
-    )
+    close &= abs(np.log(area[:, None] / area[other])) < np.log(settings.packed_size)
+    return np.asarray(close.any(axis=1))
 
 
 def _between(spots: Spots, other: Spots) -> bool:
@@ -304,10 +307,7 @@ def _alike(
     count = len(area)
     if count < settings.fewest:
         return np.zeros(count, dtype=bool)
-    near_count = min(settings.neighbours + 1, count)
-    apart, other = (
-        np.asarray(v)[:, 1:] for v in scipy.spatial.KDTree(position).query(position, k=near_count)
-    )
+    apart, other = _near(position, settings)
     radius = np.sqrt(area / np.pi)
     as_large = settings.kinds_large if kinds else settings.as_large
     furthest = settings.kinds_furthest if kinds else settings.furthest

@@ -16,8 +16,6 @@ from .source import DEFAULT_FPS, KINDS, Source, rated
 if TYPE_CHECKING:
     import av
 
-#: Bits of a stream that holds a still picture, such as a cover.
-_COVERS = 1024 | 2048
 #: Rate above which the one of a file may be that of its clock [Hz].
 _FASTEST = 300.0
 
@@ -74,7 +72,9 @@ def _open_video(path: Path, max_megapixels: float) -> "Iterator[av.container.Inp
         # FFmpeg reads any text as a recording of a terminal.
         if not container.streams.video or container.format.name == "tty":
             raise UserError(f"{path} has no video in it; {KINDS}")
-        pictured = [s for s in container.streams.video if not s.disposition & _COVERS]
+        kinds = av.stream.Disposition
+        covers = kinds.attached_pic | kinds.timed_thumbnails  # still pictures
+        pictured = [s for s in container.streams.video if not s.disposition & covers]
         if len(pictured) > 1:
             raise UserError(
                 f"video {path} holds {len(pictured)} videos; give a file with one of them, as by "
