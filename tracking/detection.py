@@ -318,7 +318,8 @@ def _detect(
             densities = dye_densities(linear, ground, matrix)
     spots = [find_spots(density, field, True, palette.spots) for density in densities]
     if not any(len(layer.area) for layer in spots):
-        check_told_apart(spots, palette)
+        if palette.seen is not None:
+            check_told_apart(spots, palette)
         raise UserError(
             f"no markers found: nothing in the image has the colours of the palette's "
             f"{' and '.join(palette.names)}"
