@@ -226,9 +226,9 @@ def test_estimators_are_never_given_the_truth() -> None:
 def test_nothing_heavy_is_imported_before_it_is_used() -> None:
     """By one process that imports one after another: what one brings, the next ones have too."""
     heavy = {
-        "chromagrip.model": "cv2 OpenGL pyrender matplotlib av pyarrow",
-        "chromagrip.control": "cv2 OpenGL pyrender matplotlib av pyarrow",
-        "chromagrip.tracking": "OpenGL pyrender matplotlib av pyarrow",
+        "chromagrip.model": "cv2 OpenGL pyrender matplotlib av pandas pyarrow",
+        "chromagrip.control": "cv2 OpenGL pyrender matplotlib av pandas pyarrow",
+        "chromagrip.tracking": "OpenGL pyrender matplotlib av pandas pyarrow",
         "chromagrip.loop.run": "OpenGL pyrender",
     }
     code = "import sys\n" + "\n".join(
@@ -243,3 +243,20 @@ def test_nothing_heavy_is_imported_before_it_is_used() -> None:
 def test_every_module_says_what_it_is_for() -> None:
     for path in modules().values():
         assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path
+
+
+@pytest.mark.parametrize("library", ["cv2", "pyrender", "skimage", "trimesh"])
+def test_the_product_calls_each_library_that_it_promises(library: str) -> None:
+    """By an import of its own, or by `need`, which imports what an extra brings."""
+    wanted = {library, f"{library}.draw"}
+    callers = []
+    for module, path in modules().items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names = {alias.name for alias in node.names}
+            elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "need":
+                names = {arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant)}
+            else:
+                continue
+            callers += [module] * bool(names & wanted)
+    assert callers

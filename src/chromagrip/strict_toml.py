@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, TypeVar, get_args, get_type_hints
@@ -85,7 +86,7 @@ def convert(values: Values, kind: type[Kind], name: str) -> Kind:
     UserError
         For a value that is not allowed, with `name`, key, value and what is allowed.
     """
-    _refuse_unknown(values, kind, name, "", tuple(all_keys(kind)))
+    _refuse_unknown(values, kind, name, "", kind)
     try:
         return msgspec.convert(values, kind)
     except msgspec.ValidationError as error:
@@ -151,28 +152,34 @@ def _get(values: Any, key: str) -> Any:
 
 def all_keys(table: type[Table], prefix: str = "") -> Iterator[str]:
     """Dotted keys of a table and of the tables in it."""
-    for field in msgspec.structs.fields(table):
-        yield prefix + field.name
-        for member in _members(field.type):
-            yield from all_keys(member, f"{prefix}{field.name}.")
+    for key, kind in _types(table).items():
+        yield prefix + key
+        for member in _members(kind):
+            yield from all_keys(member, f"{prefix}{key}.")
+
+
+@cache
+def _types(table: type[Table]) -> dict[str, Any]:
+    """Type of each key of a table; kept, because msgspec evaluates the annotations at each call."""
+    return {field.name: field.type for field in msgspec.structs.fields(table)}
 
 
 def _refuse_unknown(
-    values: Any, table: type[Table], name: str, prefix: str, every: tuple[str, ...]
+    values: Any, table: type[Table], name: str, prefix: str, whole: type[Table]
 ) -> None:
     if not isinstance(values, dict):
         return  # wrong type: refused by the conversion
     config = table.__struct_config__
     tag = () if config.tag_field is None else (config.tag_field,)
-    fields = {f.name: f.type for f in msgspec.structs.fields(table)}
+    fields = _types(table)
     for key, value in values.items():
         if key not in fields and key not in tag:
             allowed = ", ".join((*tag, *fields))
-            question = meant(prefix + key, every)
+            question = meant(prefix + key, all_keys(whole))
             raise UserError(f"{name}: unknown key {prefix}{key}{question}; allowed here: {allowed}")
         for member in _members(fields.get(key)):
             wanted = member.__struct_config__
             if not wanted.tag_field or (
                 isinstance(value, dict) and value.get(wanted.tag_field) == wanted.tag
             ):
-                _refuse_unknown(value, member, name, f"{prefix}{key}.", every)
+                _refuse_unknown(value, member, name, f"{prefix}{key}.", whole)

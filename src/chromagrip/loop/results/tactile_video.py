@@ -299,10 +299,10 @@ def _line(
     *,
     head: bool = False,
 ) -> None:
-    a, b = (tuple(int(v) for v in np.rint(16 * p)) for p in (start, end))
+    # arrowedLine draws tips at whole pixels only.
+    ends = np.array([start, end]) * (1 if head else 16)
+    a, b = np.rint(ends).astype(int).tolist()
     if head:
-        # arrowedLine draws tips at whole pixels only.
-        a, b = (tuple(int(v) for v in np.rint(p)) for p in (start, end))
         cv2.arrowedLine(canvas, a, b, colour, 1, cv2.LINE_AA, tipLength=0.15)
     else:
         cv2.line(canvas, a, b, colour, 1, cv2.LINE_AA, shift=4)
