@@ -206,13 +206,11 @@ def test_estimators_are_never_given_the_truth() -> None:
         "PosedContact",
         "PosedContacts",
         "together",
-        "SkinField",
         "SoftBody",
         "Solid",
         "lattice",
         "quadric",
         "rotation_of",
-        "stiffening_of",
     }
     followed = {"Copies", "Ensemble", "copies_of", "place_many", "rest_ensemble"}
     for module in modules():

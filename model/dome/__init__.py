@@ -22,7 +22,6 @@ from .simulate import (
     save_dome_state,
     simulate_contact,
 )
-from .skin import stiffening_of
 from .slip import DomeSlip, follow_dome_slip, no_dome_slip
 from .solid import Solid, per_area, solid_stiffness
 from .state import DomeState, StepCount, resting
@@ -66,7 +65,6 @@ __all__ = [
     "save_dome_state",
     "simulate_contact",
     "solid_stiffness",
-    "stiffening_of",
     "together",
     "touching_place",
 ]

@@ -109,10 +109,11 @@ class Skin:
     def stiffening(self) -> Stiffening:
         """Law of stiffening in the next step, from the present contact."""
         near = self.near
-        return stiffening_of(
-            self.dome, self.solid.friction, self.lattice.areas[near], self.forces[near],
+        share, power = stiffening_by(
+            law_of(self.dome), self.solid.friction, self.lattice.areas[near], self.forces[near],
             self.friction[near],
         )  # fmt: skip
+        return Stiffening(share, power, self.dome.thickness)
 
     def take_over(self, near: Index, outcome: Outcome, lag: float) -> None:
         """Set the state of the active nodes from the outcome of a step."""
@@ -202,19 +203,3 @@ def law_of(dome: SoftBody) -> Array:
     bulk = 2.0 * (1.0 + dome.poisson) / (3.0 * (1.0 - 2.0 * dome.poisson))  # over the shear modulus
     slipping = [0.402 * math.sqrt(bulk), 3.103 * dome.slenderness**-0.184, 0.511, 1.536]
     return np.array([dome.thickness, *slipping, 0.807, 2.556, 2.347, 1.425])
-
-
-def stiffening_of(
-    dome: SoftBody, friction: float, areas: Array, forces: Array, tangential: Array
-) -> Stiffening:
-    """Law of stiffening in the next step, from the contact before it.
-
-    Parameters
-    ----------
-    dome: body
-    friction: coefficient µ
-    areas: areas of the nodes [m²], shape (n,)
-    forces, tangential: forces on the nodes, and their friction part [N], shape (n, 3)
-    """
-    share, power = stiffening_by(law_of(dome), friction, areas, forces, tangential)
-    return Stiffening(share, power, dome.thickness)

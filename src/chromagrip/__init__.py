@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from .model import shapes
     from .scene.scene import Scene, load_scene, scene_names
     from .sensing.bodies import Pose
-    from .sensing.many import TactileSensor, TactileSensors, relative_poses
+    from .sensing.many import relative_poses, stacked, update_all
     from .sensing.reader import Reader, Reading
+    from .sensing.sensor import TactileSensor
 
     __version__: str
 
@@ -32,8 +33,7 @@ _HOMES = {
     "Result": "loop.record:Result",
     "Rig": "loop.rig:Rig",
     "Scene": "scene.scene:Scene",
-    "TactileSensor": "sensing.many:TactileSensor",
-    "TactileSensors": "sensing.many:TactileSensors",
+    "TactileSensor": "sensing.sensor:TactileSensor",
     "UserError": "errors:UserError",
     "load_scene": "scene.scene:load_scene",
     "open": "loop.run:open_rig",
@@ -41,6 +41,8 @@ _HOMES = {
     "run": "loop.run:run",
     "scene_names": "scene.scene:scene_names",
     "shapes": "model:shapes",
+    "stacked": "sensing.many:stacked",
+    "update_all": "sensing.many:update_all",
 }
 
 __all__ = [
@@ -51,7 +53,6 @@ __all__ = [
     "Rig",
     "Scene",
     "TactileSensor",
-    "TactileSensors",
     "UserError",
     "__version__",
     "load_scene",
@@ -60,6 +61,8 @@ __all__ = [
     "run",
     "scene_names",
     "shapes",
+    "stacked",
+    "update_all",
 ]
 
 _guard()

@@ -200,7 +200,7 @@ def test_the_card_counts_what_is_covered(made: Path) -> None:
     [
         (
             "sequential",
-            'does not read body = "dome"; allowed are auto, contact, traction',
+            'does not read body = "dome"; allowed are auto, contact',
         ),
         ("magic", "no reading 'magic'; there is auto, sequential"),
     ],

@@ -277,7 +277,7 @@ def test_a_stage_yields_its_points(part: str, tmp_path: Path) -> None:
     [
         (False, (), {"dome-2020", "dome-2022", "chromatouch-next"}),
         (True, (), set()),
-        (False, ("traction",), set()),
+        (False, ("sequential",), set()),
     ],
 )
 def test_a_chart_of_domes_has_all_that_read_them(
@@ -308,7 +308,7 @@ def test_a_chart_of_domes_has_all_that_read_them(
     ]
     once = {task.design: (task, result) for task, result in results}
     chart = force_dome._chart(by_set(list(once.values())), 1)
-    names = [*chosen] or ["sequential", "contact", "traction"]
+    names = [*chosen] or ["sequential", "contact"]
     assert [point.name for point in chart.points] == names
     for point in chart.points:
         assert point.times == [20.0, 40.0]
@@ -317,7 +317,7 @@ def test_a_chart_of_domes_has_all_that_read_them(
         assert "33 % of the frames flagged" in point.settings
     lines = {axis.key: axis.lines["constant"] for axis in chart.axes}
     assert lines["margin_error"] == pytest.approx(np.std(true[:, 3]))
-    assert len(chart.axes[0].peers) == (4 if others else 0)
+    assert len(chart.axes[0].peers) == (3 if others else 0)
 
 
 def test_every_stage_has_a_chart() -> None:

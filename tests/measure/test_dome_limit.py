@@ -326,7 +326,7 @@ def test_designs_are_read_as_their_layers_allow() -> None:
     }
     entry = entries["dome-2020"]
     assert entry["read_by"] == ["contact"]
-    assert entries["chromatouch-next"]["read_by"] == ["contact", "traction"]
+    assert entries["chromatouch-next"]["read_by"] == ["contact"]
     # Targets of an independent prototype: .012 at the bound, some of it by the skin's pitch.
     found = entry["deviations"]["contact"][NOISES[0]]
     assert found["margin"] == pytest.approx(0.012, rel=0.3)

@@ -393,9 +393,9 @@ def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
         ),
         ("dome-2022", "mismatched"): _result(0.07, ("contact",)),
         ("dome-2022", "mismatched-nominal"): _result(0.07, ("contact",)),
-        (NEXT, "mismatched"): _result(0.01, ("traction",)),
+        (NEXT, "mismatched"): _result(0.01, ("contact",)),
         ("thesis", "chain"): _result(0.5, ("sequential", "contact")),
-        ("thesis", "soft"): _result(0.01, ("traction", "contact")),
+        ("thesis", "soft"): _result(0.01, ("contact",)),
     }
     report = report_of(sets)
     rows = {row.name: row for row in report.rows}
@@ -405,12 +405,11 @@ def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
     assert rows["dome/dome-2022/mismatched/normal_narrow"].met is False
     assert rows["dome/dome-2020/mismatched/constant/normal_share"].target is None
     assert rows["dome/dome-2022/mismatched-nominal/normal_share"].target is None
-    assert rows["dome/chromatouch-next/mismatched/traction/normal_share"].met is True
+    assert rows["dome/chromatouch-next/mismatched/normal_share"].met is True
     assert rows["dome/dome-2020/mismatched/normal_share"].note == "a constant answer passes"
     assert rows["dome/thesis/chain/sequential/normal_share"].value == pytest.approx(50.0)
-    assert rows["dome/thesis/soft/traction/normal_share"].met is True
-    assert rows["dome/thesis/soft/traction/rate"].met is False
-    assert rows["dome/thesis/soft/contact/normal_share"].target is None
+    assert rows["dome/thesis/soft/contact/normal_share"].met is True
+    assert rows["dome/thesis/chain/contact/normal_share"].target is None
     assert rows["dome/dome-2020/mismatched/frames"].value == 6
     assert [line[0] for line in report.tables[-1].lines] == ["constant", "sequential", "contact"]
 
@@ -419,12 +418,11 @@ def test_groups_of_the_world_are_chosen() -> None:
     assert counts_of(False, ["across"]).keys() == {("thesis", world) for world in WORLDS}
     found = counts_of(False, ["mismatched"])
     assert found == {(name, "mismatched"): 16 for name in DESIGNS} | {(NEXT, "mismatched"): 4}
-    assert readers_of(NEXT, "mismatched") == ("traction",)
     assert counts_of(False, ["turned"]) == {(NEXT, "turned"): 4}
     assert counts_of(True, ["light"]) == {("dome-2020", "light"): 1}
     assert counts_of(True, ["soft"]) == {("thesis", "soft"): 1}
-    assert readers_of("thesis", "soft") == ("traction", "contact")
-    assert "traction" in readers_of("thesis", "dome")
+    assert readers_of("thesis", "soft") == ("contact",)
+    assert readers_of("thesis", "dome") == ("sequential", "contact")
     assert readers_of("dome-2020", "matched") == ("contact",)
     with pytest.raises(UserError, match="has no group 'roll'; there is matched"):
         measure("bench", "force", Asked(world="dome", only=("roll",)))

@@ -80,7 +80,7 @@ def test_a_dial_turns_one_condition() -> None:
         assert vars(dial.base)[name] in dial.values
     assert case_of("ball", "flat").ball == math.inf
     whole = force_map(ALL).settings
-    assert sum(len(one.methods) for one in whole) == 4 * 42
+    assert sum(len(one.methods) for one in whole) == 3 * 42
     assert all(one in whole for one in force_map(Asked(quick=True)).settings)
 
 
@@ -107,7 +107,7 @@ def test_a_map_is_drawn_with_ones_own_beside_ours(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def made(setting: ForceCondition) -> list[ForceCell]:
-        outcomes = ["wrong, narrow and unflagged", *["accurate"] * 3]
+        outcomes = ["wrong, narrow and unflagged", *["accurate"] * 2]
         return [
             ForceCell(
                 setting.design, name, setting.dial, setting.value, outcome, 20.0, 0.3, 0, 4, ""
@@ -129,9 +129,9 @@ def test_a_map_is_drawn_with_ones_own_beside_ours(
     names = {"map.png", "map.csv", "results.json", "index.html"}
     assert {path.name for path in out.iterdir()} == names
     with (out / "map.csv").open(encoding="utf-8") as file:
-        assert len(list(csv.DictReader(file))) == 12
+        assert len(list(csv.DictReader(file))) == 9
     counts = {row.subject[2]: row.value for row in report.rows if row.score == "accurate"}
-    assert counts == {"sequential": 0, "contact": 3, "traction": 3, "Own": 3}
+    assert counts == {"sequential": 0, "contact": 3, "Own": 3}
 
 
 def test_what_reads_domes_and_is_wrong_is_named() -> None:
@@ -149,7 +149,7 @@ def test_what_reads_domes_and_is_wrong_is_named() -> None:
 
 def test_an_object_that_slides_off_is_not_held() -> None:
     found = force.cells(
-        ForceCondition("thesis", "ball", "0.12", {"traction": "traction", "contact": "contact"})
+        ForceCondition("thesis", "ball", "0.12", {"sequential": "sequential", "contact": "contact"})
     )
-    assert [one.method for one in found] == ["traction", "contact"]
+    assert [one.method for one in found] == ["sequential", "contact"]
     assert {(one.outcome, one.note) for one in found} == {("not held", "the object slides off")}

@@ -1,16 +1,16 @@
-"""Many sensors in step: the same bytes as one alone, and errors that stop no other environment."""
+"""Many sensors in step: the same bytes as one alone, and errors that stop no other sensor."""
 
-import itertools
-from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from chromagrip import Pose, TactileSensor, TactileSensors, UserError, relative_poses, shapes
+from chromagrip import Pose, TactileSensor, UserError, relative_poses, shapes, stacked, update_all
 from chromagrip.model import ContactObject, Motion, Solid, dome_forces, simulate_contact
 from chromagrip.render import load_sensor
+from chromagrip.sensing.many import STACKED
 
 DESIGN = load_sensor("dome-2020")
 COARSE = replace(DESIGN.dome, pitch=0.6e-3)
@@ -18,111 +18,84 @@ BALL, RADIUS, FRICTION = 6e-3, 20e-3, 0.6
 
 
 def places(count: int, frame: int) -> np.ndarray:
-    """Places of balls that press the deeper the higher their environment's number is [m]."""
+    """Places of balls that press the deeper the higher their sensor's number is [m]."""
     depth = 0.1e-3 * (1 + np.arange(count)) * frame / 5
     return np.column_stack([np.zeros((count, 2)), RADIUS + BALL - depth])
 
 
-def pressed(count: int, frames: int = 5, **options: object) -> TactileSensors:
-    """Sensors that balls have pressed."""
-    sensors = TactileSensor(DESIGN, num_envs=count, body=COARSE, noise=2.0, seed=4, **options)
-    sensors.attach(shapes.ball(BALL), friction=FRICTION)
-    for frame in range(1, frames + 1):
-        sensors.update(places(count, frame), dt=1 / 60)
+def opened(*seeds: int) -> list[TactileSensor]:
+    """Sensors with a ball above their apex."""
+    sensors = [TactileSensor(DESIGN, body=COARSE, noise=2.0, seed=seed) for seed in seeds]
+    for sensor in sensors:
+        sensor.attach(Solid(shape=shapes.ball(BALL), friction=FRICTION))
     return sensors
 
 
-@pytest.fixture
-def three() -> Iterator[TactileSensors]:
-    sensors = pressed(3)
-    yield sensors
-    sensors.close()
+def test_a_stack_has_the_bytes_of_sensors_alone_in_threads_too() -> None:
+    sensors, in_threads, alone = opened(4, 5, 6), opened(4, 5, 6), opened(4, 5, 6)
+    with ThreadPoolExecutor(2) as pool:
+        for frame in range(1, 6):
+            assert not update_all(sensors, places(3, frame), dt=1 / 60)
+            assert not update_all(in_threads, places(3, frame), dt=1 / 60, each=pool.map)
+            for sensor, place in zip(alone, places(3, frame), strict=True):
+                sensor.update(Pose(place=tuple(place)), dt=1 / 60, placed=frame == 1)
+        for name in STACKED:
+            expected = np.array([getattr(sensor.data, name) for sensor in alone])
+            values = stacked(sensors, name)
+            assert (values.shape, values.tobytes()) == (expected.shape, expected.tobytes()), name
+            assert stacked(in_threads, name, pool.map).tobytes() == expected.tobytes(), name
+    assert (np.diff(stacked(sensors, "wrench")[:, 2]) < 0.0).all()  # a deeper press is harder
 
 
-def test_an_environment_has_the_bytes_of_a_sensor_alone(three: TactileSensors) -> None:
-    alone = TactileSensor(DESIGN, body=COARSE, noise=2.0, seed=6)
-    alone.attach(Solid(shape=shapes.ball(BALL), friction=FRICTION))
-    for frame in range(1, 6):
-        alone.update(Pose(place=tuple(places(3, frame)[2])), dt=1 / 60, placed=frame == 1)
-    data = three.data
-    names = (
-        "image", "marker_px", "marker_visible", "marker_pos", "wrench", "node_pos", "node_force",
-        "slipping", "margin", "limit_margin",
-    )  # fmt: skip
-    for name in names:
-        values, own = getattr(data, name), np.asarray(getattr(alone.data, name))
-        assert values.shape == (3, *own.shape)
-        assert values[2].tobytes() == own.tobytes(), name
-
-
-def test_threads_and_numbers_of_environments_change_no_byte(three: TactileSensors) -> None:
-    other = pressed(2, threads=2)
-    assert other.data.image.tobytes() == three.data.image[:2].tobytes()
-    assert other.data.wrench.tobytes() == three.data.wrench[:2].tobytes()
-    other.close()
-
-
-def test_a_deeper_press_is_harder_and_balances(three: TactileSensors) -> None:
-    force = -three.data.wrench[:, 2]
-    assert (np.diff(force) > 0.0).all()
-    np.testing.assert_allclose(three.data.node_force.sum(axis=1), three.data.wrench[:, :3])
-
-
-def test_what_is_no_pose_is_a_flag_and_the_others_go_on(three: TactileSensors) -> None:
-    before = three.data.wrench.copy()
+def test_what_is_no_pose_is_named_by_its_number_and_the_others_go_on() -> None:
+    sensors = opened(1, 2, 3)
+    assert not update_all(sensors, places(3, 5), dt=1 / 60)
+    before = stacked(sensors, "wrench")
     now, turns = places(3, 6), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
     now[0, 2], turns[1] = RADIUS - 2 * BALL, 0.0
-    data = three.update(now, turns, dt=1 / 60)
-    assert data.failed.tolist() == [True, True, False]
-    assert "too deep" in data.reasons[0]
-    assert "has length 0" in data.reasons[1]
-    np.testing.assert_array_equal(data.wrench[:2], before[:2])
-    assert -data.wrench[2, 2] > -before[2, 2]
-    again = three.update(places(3, 7), dt=1 / 60)
-    assert not again.failed.any()
-    assert (-again.wrench[:, 2] > -before[:, 2]).all()
+    failed = update_all(sensors, now, turns, dt=1 / 60)
+    assert failed.keys() == {0, 1}
+    assert "too deep" in failed[0]
+    assert "must be a quaternion of length 1" in failed[1]
+    after = stacked(sensors, "wrench")
+    np.testing.assert_array_equal(after[:2], before[:2])
+    assert -after[2, 2] > -before[2, 2]
+    assert not update_all(sensors, places(3, 7), dt=1 / 60)
+    assert (-stacked(sensors, "wrench")[:, 2] > -before[:, 2]).all()
 
 
-def test_some_begin_again_and_states_are_taken_up(three: TactileSensors) -> None:
-    state = three.state()
-    ahead = three.update(places(3, 6), dt=1 / 60).wrench.copy()
-    three.restore(state)
-    assert three.update(places(3, 6), dt=1 / 60).wrench.tobytes() == ahead.tobytes()
-    three.reset([0, 2])
-    assert np.flatnonzero(three.data.wrench[:, 2] < -1e-3).tolist() == [1]
-    assert three.data.time.tolist() == [0.0, pytest.approx(0.1), 0.0]
-
-
-def test_pictures_come_at_their_rate() -> None:
-    sensors = TactileSensor(DESIGN, num_envs=1, body=COARSE, noise=2.0, rate_hz=30.0)
-    sensors.attach(shapes.ball(BALL), friction=FRICTION)
-    seen = [sensors.data.image.tobytes()]
-    for frame in range(1, 7):
-        seen.append(sensors.update(places(1, frame), dt=1 / 60).image.tobytes())
-    assert [a != b for a, b in itertools.pairwise(seen)] == [False, True] * 3
-
-
-def test_bad_input_is_one_sentence(three: TactileSensors) -> None:
-    with pytest.raises(UserError, match=r"object_pos has shape \(2, 3\), expected \(3, 3\)"):
-        three.update(places(2, 1), dt=1 / 60)
+def test_bad_input_is_one_sentence() -> None:
+    sensors = opened(1, 2)
+    with pytest.raises(UserError, match=r"must be .* shape \(2, 3\), got shape \(3, 3\)"):
+        update_all(sensors, places(3, 1), dt=1 / 60)
     with pytest.raises(UserError, match="must be above 0 s"):
-        three.update(places(3, 1), dt=0.0)
-    with pytest.raises(UserError, match="whole numbers from 0 to 2"):
-        three.reset([3])
-    with pytest.raises(UserError, match="2 objects are given for 3 environments"):
-        three.attach([shapes.ball(BALL)] * 2)
-    with pytest.raises(UserError, match="'mug' is no object"):
-        three.attach("mug")  # type: ignore[arg-type]
+        update_all(sensors, places(2, 1), dt=0.0)
+    with pytest.raises(UserError, match="no values 'picture' can be stacked; allowed are image"):
+        stacked(sensors, "picture")
+    empty = TactileSensor(DESIGN, body=COARSE)
+    with pytest.raises(UserError, match=r"sensor 2: data is not available before attach\(\)"):
+        update_all([*sensors, empty], places(3, 1), dt=1 / 60)
+    with pytest.raises(UserError, match="sensor 2: data is not available"):
+        stacked([*sensors, empty], "image")
+    finer = TactileSensor(DESIGN, body=replace(DESIGN.dome, pitch=0.7e-3))
+    finer.attach(Solid(shape=shapes.ball(BALL)))
+    with pytest.raises(UserError, match=r"sensor 1: node_pos has shape \(.*\), not \("):
+        stacked([sensors[0], finer], "node_pos")
     with pytest.raises(UserError, match="a quaternion has length 0"):
         relative_poses(np.zeros(3), np.zeros(4), np.zeros(3), [1, 0, 0, 0])
-    with pytest.raises(UserError, match=r"object_pos must be finite numbers of shape \(3,\)"):
+    with pytest.raises(UserError, match=r"object_pos must be numbers of shape \(3,\) or \(B, 3\)"):
         relative_poses(np.zeros(3), [1, 0, 0, 0], np.zeros(2), [1, 0, 0, 0])
-    three.reset([])  # of none
-    assert (three.data.time > 0.0).all()
-    with pytest.raises(UserError, match="num_envs = 0"):
-        TactileSensor(DESIGN, num_envs=0)
-    with pytest.raises(UserError, match="call attach"):
-        _ = TactileSensor(DESIGN, num_envs=2, body=COARSE).data
+
+
+def test_chains_are_pressed_by_poses() -> None:
+    chains = [TactileSensor("thesis", body="chain", seed=k) for k in range(2)]
+    for chain in chains:
+        chain.attach(ContactObject(friction=0.5))
+    for step in range(1, 4):
+        shifts = [[0.0, 0.0, -1e-4 * step], [0.0, 0.0, -2e-4 * step]]
+        assert not update_all(chains, shifts, dt=1 / 60)
+    force = stacked(chains, "wrench")[:, 2]
+    assert force[1] < force[0] < 0.0
 
 
 def test_a_box_of_a_file_with_its_origin_in_a_corner_is_the_same_box() -> None:
@@ -144,12 +117,12 @@ def test_a_box_of_a_file_with_its_origin_in_a_corner_is_the_same_box() -> None:
         (shapes.mesh(mesh, centred=True), middle),
         (shapes.box(tuple(edges)), middle),
     ):
-        sensors = TactileSensor(DESIGN, num_envs=1, body=COARSE, noise=2.0)
-        sensors.attach(shape, friction=FRICTION)
+        sensor = TactileSensor(DESIGN, body=COARSE, noise=2.0)
+        sensor.attach(Solid(shape=shape, friction=FRICTION))
         for shear in (0.0, 0.1e-3):
             at = place + turn.apply([shear, 0.0, 0.0])
-            data = sensors.update([at], [turn.as_quat(scalar_first=True)], dt=1 / 60)
-        felt.append((data.wrench[0].copy(), data.image.tobytes()))
+            assert not update_all([sensor], [at], [turn.as_quat(scalar_first=True)], dt=1 / 60)
+        felt.append((sensor.data.wrench, sensor.data.image.tobytes()))
     (of_mesh, picture), (centred, same), (of_box, _) = felt
     assert of_box[2] < -0.3
     np.testing.assert_allclose(of_mesh, centred, atol=1e-6)
@@ -174,18 +147,6 @@ def test_poses_through_the_door_are_the_motion_of_a_simulation() -> None:
         sensor.update(Pose(place=(x, 0.0, start + z)), dt=1 / 60)
     np.testing.assert_allclose(sensor.data.wrench[:3], expected[:3], atol=1e-9)
     assert abs(expected[0]) > 0.1
-
-
-def test_a_chain_is_loaded_by_forces() -> None:
-    sensors = TactileSensor("thesis", body="chain", num_envs=2)
-    sensors.attach(ContactObject(friction=0.5))
-    for _ in range(10):
-        data = sensors.update(force=[[0.0, 0.0, -0.5], [0.0, 0.0, -1.0]], dt=1 / 60)
-    assert data.wrench[1, 2] < data.wrench[0, 2] < -0.2
-    with pytest.raises(UserError, match="object_pos or force, and not both"):
-        sensors.update(dt=1 / 60)
-    with pytest.raises(UserError, match=r"force has shape \(1, 3\), expected \(2, 3\)"):
-        sensors.update(force=[[0.0, 0.0, -1.0]], dt=1 / 60)
 
 
 def test_poses_in_the_world_become_poses_in_the_sensors_frame() -> None:

@@ -22,7 +22,7 @@ from .calibration import (
     with_values,
 )
 from .displacement import DisplacementGains, fit_gains, skin_displacement
-from .dome import ContactSettings, TractionSettings, untouched_field
+from .dome import ContactSettings, untouched_field
 from .friction import (
     CAMERA_RULE,
     FRICTION,
@@ -86,7 +86,6 @@ __all__ = [
     "Reconstructor",
     "SensorCalibration",
     "SiliconeValues",
-    "TractionSettings",
     "Values",
     "aligned",
     "alignment",

@@ -51,10 +51,6 @@ METHODS = {
         ".dome.contact:ContactReading",
         "a contact fitted by synthesis, on a dome of silicone",
     ),
-    "traction": (
-        ".dome.traction.reading:TractionReading",
-        "free tractions, on a dome of silicone with two soft layers",
-    ),
 }
 #: Name of the default reconstructor.
 DEFAULT_RECONSTRUCTOR = "auto"
@@ -63,7 +59,7 @@ Body = Literal["chain", "dome"]
 #: Method that `auto` selects, by body.
 AUTOMATIC: dict[Body, str] = {"chain": "way", "dome": "contact"}
 #: Built-in methods for a silicone dome; the others are for a chain.
-DOME_METHODS = ("contact", "traction")
+DOME_METHODS = ("contact",)
 #: All reconstructors by name, including `auto`.
 RECONSTRUCTORS = Registry(
     protocol=Reconstructor,

@@ -9,7 +9,7 @@ frame. The observation becomes a dictionary, or stays one, with the key `tactile
 silicone does not describe a pose, the sensor keeps its last state, and `info` says why.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import gymnasium
@@ -20,18 +20,24 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import UserError
+from ..model import ContactObject, Solid
+from ..model.shapes import Shape
 from ..sensing.given import number
-from ..sensing.many import TactileSensors, Touchable
+from ..sensing.many import stacked, update_all
 from ..sensing.sensor import TactileSensor
 
 #: What can be observed: the picture, shifts of the markers [px], or the wrench [N, N·m].
 Shown = Literal["image", "markers", "forces"]
 #: Places of objects [m] and their quaternions (w, x, y, z), in the frames of the sensors.
 Poses = tuple[ArrayLike, ArrayLike]
+#: What a sensor may touch: an object, or a shape with a friction.
+Touchable = Solid | ContactObject | Shape
 Values = NDArray[Any]
 
 #: Key of the observation, and of the reason why a pose is not described, in `info`.
 KEY, FAILED = "tactile", "tactile_failed"
+#: Values of a sensor that are observed.
+_VALUES = {"image": "image", "markers": "marker_px", "forces": "wrench"}
 #: Largest shift of a marker [px], force [N] and torque [N·m] of the spaces.
 _MOST_PX, _MOST_N, _MOST_NM = 100.0, 100.0, 1.0
 
@@ -79,14 +85,14 @@ class TactileObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
     @property
     def sensor(self) -> TactileSensor:
         """The sensor, whose `data` has the truth."""
-        return self._sensed.sensors.sensors[0]
+        return self._sensed.sensors[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, and put the object down on the sensor."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._sensed.sensors.reset()
+        self._sensed.reset([True])
         return self._seen(observation, info)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -98,24 +104,25 @@ class TactileObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
     def close(self) -> None:
         """Close the environment and the sensor."""
         super().close()
-        self._sensed.sensors.close()
+        self._sensed.close()
 
     def _seen(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         place, turn = _poses_of(self._pose_of, self.env)
-        seen = self._sensed((np.reshape(place, (1, -1)), np.reshape(turn, (1, -1))), self._dt)
-        (reason,) = self._sensed.sensors.data.reasons
-        return _joined(observation, seen[0]), info | ({FAILED: reason} if reason else {})
+        poses = np.reshape(place, (1, -1)), np.reshape(turn, (1, -1))
+        seen, failed = self._sensed(poses, self._dt)
+        return _joined(observation, seen[0]), info | ({FAILED: failed[0]} if failed else {})
 
 
 class VectorTactileObservation(VectorWrapper):
-    """A vector of environments with one batched sensor, as `TactileObservation`.
+    """A vector of environments with a sensor each, as `TactileObservation`.
 
     Parameters
     ----------
     env: vector of B environments
     pose_of: function from `env` to the places (B, 3) [m] and quaternions (B, 4) of the objects
     obj: object or shape, one for all or a sequence of one each
-    design, shown, dt, friction, options: as of `TactileObservation`; also `threads`
+    design, shown, dt, friction, options: as of `TactileObservation`; sensor k has the seed + k
+    each: `map`, or the `map` of a pool of threads
 
     Raises
     ------
@@ -133,6 +140,7 @@ class VectorTactileObservation(VectorWrapper):
         shown: Shown = "image",
         dt: float | None = None,
         friction: float | None = None,
+        each: Callable[..., Any] = map,
         **options: Any,
     ) -> None:
         super().__init__(env)
@@ -141,14 +149,14 @@ class VectorTactileObservation(VectorWrapper):
                 "autoreset_mode SAME_STEP would lose the last observation; take another one"
             )
         self._pose_of, self._dt = pose_of, _step_of(env, dt)
-        self._sensed = _Sensed(design, env.num_envs, obj, friction, shown, options)
+        self._sensed = _Sensed(design, env.num_envs, obj, friction, shown, options, each)
         single = _with(env.single_observation_space, self._sensed.space)
         self.single_observation_space = single
         self.observation_space = batch_space(single, env.num_envs)
         self._over = np.zeros(env.num_envs, dtype=np.bool_)
 
     @property
-    def sensors(self) -> TactileSensors:
+    def sensors(self) -> list[TactileSensor]:
         """The sensors, whose `data` has the truth."""
         return self._sensed.sensors
 
@@ -156,9 +164,9 @@ class VectorTactileObservation(VectorWrapper):
         self, *, seed: Any = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environments, or those of `options["reset_mask"]`, and their sensors."""
-        chosen = (options or {}).get("reset_mask")
+        chosen = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=np.bool_))
         observation, info = self.env.reset(seed=seed, options=options)
-        self._sensed.sensors.reset(chosen)
+        self._sensed.reset(chosen)
         self._over[:] = False
         return self._seen(observation, info)
 
@@ -167,7 +175,7 @@ class VectorTactileObservation(VectorWrapper):
         observation, reward, terminated, truncated, info = self.env.step(actions)
         disabled = self.env.metadata.get("autoreset_mode") == AutoresetMode.DISABLED
         if self._over.any() and not disabled:
-            self._sensed.sensors.reset(self._over)
+            self._sensed.reset(self._over)
         self._over = terminated | truncated
         observation, info = self._seen(observation, info)
         return observation, reward, terminated, truncated, info
@@ -175,15 +183,13 @@ class VectorTactileObservation(VectorWrapper):
     def close(self, **kwargs: Any) -> None:
         """Close the environments and the sensors."""
         super().close(**kwargs)
-        self._sensed.sensors.close()
+        self._sensed.close()
 
     def _seen(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-        seen, data = (
-            self._sensed(_poses_of(self._pose_of, self.env), self._dt),
-            self._sensed.sensors.data,
-        )
-        if data.failed.any():
-            info = info | {FAILED: np.array(data.reasons, dtype=object), f"_{FAILED}": data.failed}
+        seen, failed = self._sensed(_poses_of(self._pose_of, self.env), self._dt)
+        if failed:
+            reasons = np.array([failed.get(k, "") for k in range(self.num_envs)], dtype=object)
+            info = info | {FAILED: reasons, f"_{FAILED}": reasons != ""}
         return _joined(observation, seen), info
 
 
@@ -198,32 +204,56 @@ class _Sensed:
         friction: float | None,
         shown: Shown,
         options: dict[str, Any],
+        each: Callable[..., Any] = map,
     ) -> None:
-        if shown not in ("image", "markers", "forces"):
-            raise UserError(f"shown = {shown!r}: allowed are image, markers, forces")
-        self.sensors = TactileSensors(design, num_envs=count, **options)
-        self.sensors.attach(obj, friction=friction)
-        self._shown, data = shown, self.sensors.data
-        view = self.sensors.sensors[0].design.view
-        self._rest = data.marker_px.copy() if shown == "markers" else np.zeros(0)
+        if shown not in _VALUES:
+            raise UserError(f"shown = {shown!r}: allowed are {', '.join(_VALUES)}")
+        seed = options.pop("seed", 0)
+        self.sensors = [TactileSensor(design, seed=seed + k, **options) for k in range(count)]
+        given = list(obj) if isinstance(obj, Sequence) else [obj] * count
+        if len(given) != count:
+            raise UserError(f"{len(given)} objects are given for {count} environments")
+        for sensor, one in zip(self.sensors, given, strict=True):
+            sensor.attach(_touched(one, friction))
+        self._shown, self._each = shown, each
+        view = self.sensors[0].design.view
         if shown == "image":
             shape = view.height, view.width, 3
             self.space: spaces.Box[Any] = spaces.Box(0, 255, shape, np.uint8)
         elif shown == "markers":
+            self._rest = stacked(self.sensors, "marker_px")
             self.space = _box(np.full(self._rest.shape[1:], _MOST_PX))
         else:
             self.space = _box(np.repeat([_MOST_N, _MOST_NM], 3))
 
-    def __call__(self, poses: Poses, dt: float) -> Values:
-        """Move the objects; return what is observed, with an axis of environments in front."""
-        data = self.sensors.update(*poses, dt)
+    def __call__(self, poses: Poses, dt: float) -> tuple[Values, dict[int, str]]:
+        """Move the objects; return what is observed, (B, …), and reasons by sensor."""
+        failed = update_all(self.sensors, *poses, dt=dt, each=self._each)
+        values = stacked(self.sensors, _VALUES[self._shown], self._each)
         if self._shown == "image":
-            return data.image.copy()
-        values = data.wrench
+            return values, failed
         if self._shown == "markers":
-            values = np.nan_to_num(data.marker_px - self._rest)  # NaN outside the lens
-        clipped: Values = np.clip(values, self.space.low, self.space.high).astype(np.float32)
-        return clipped
+            values = np.nan_to_num(values - self._rest)  # NaN outside the lens
+        return np.clip(values, self.space.low, self.space.high).astype(np.float32), failed
+
+    def reset(self, chosen: ArrayLike) -> None:
+        """Begin again with the attached objects of the sensors of a mask (B,)."""
+        for k in np.flatnonzero(chosen):
+            self.sensors[k].reset()
+
+    def close(self) -> None:
+        """Release the renderers."""
+        for sensor in self.sensors:
+            sensor.close()
+
+
+def _touched(obj: Touchable, friction: float | None) -> Solid | ContactObject:
+    """Object of a shape with its friction, or the object itself."""
+    if isinstance(obj, Shape):
+        return Solid(shape=obj, **({} if friction is None else {"friction": friction}))
+    if friction is not None:
+        raise UserError("give friction with a shape, or in the object itself")
+    return obj
 
 
 def _box(most: NDArray[np.float64]) -> spaces.Box:

@@ -106,10 +106,7 @@ class ForceObserver:
             if name in DOME_METHODS
             else _no_chain_field(calibration.fingertip)
         )
-        # A reconstructor that uses the silicone's covariance reports the remaining deviation.
-        self._stiffness_deviation = float(
-            getattr(self._forces, "stiffness_deviation", calibration.stiffness_deviation)
-        )
+        self._stiffness_deviation = calibration.stiffness_deviation
 
     def observe(self, time: float, tracks: Tracks) -> GripObservation:
         """Estimate forces and friction from a frame's tracks.

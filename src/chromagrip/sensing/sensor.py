@@ -12,7 +12,7 @@ is first read.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,8 +83,6 @@ class TactileSensor:
     membrane_map: map from the displacements `carried` of a state to the membrane (default:
         the sensor's own)
     picture: function applied to each finished picture (default: no change)
-    num_envs: number of sensors in step, with arrays of all: makes a `TactileSensors`, which also
-        takes `threads` and `rate_hz` (default: one sensor)
 
     Raises
     ------
@@ -92,20 +90,10 @@ class TactileSensor:
         For a design, a body or a renderer that cannot be used.
     """
 
-    #: Makes several sensors in step: set by `sensing.many`, which `chromagrip` imports it from.
-    several: ClassVar[Callable[..., Any]]
-
-    def __new__(cls, *design: Any, num_envs: int | None = None, **options: Any) -> Any:
-        """Make one sensor, or several in step."""
-        if num_envs is None:
-            return super().__new__(cls)
-        return cls.several(*design, num_envs=num_envs, **options)
-
     def __init__(
         self,
         design: SensorDesign | str,
         *,
-        num_envs: None = None,
         body: BodyName | Fingertip | SoftBody | None = None,
         seed: int = 0,
         noise: float = 0.0,

@@ -1,4 +1,4 @@
-"""Force reconstruction on the dome: a contact that is fitted by synthesis, or free tractions."""
+"""Force reconstruction on the dome: a contact that is fitted by synthesis."""
 
 from ..silicone_values import ON_CORE
 from .contact_state import (
@@ -20,7 +20,6 @@ from .contact_state import (
 from .contact_way import Changes, ContactWay
 from .marker_response import DomeResponse
 from .settings import INDEPENDENT, PLACE_ERROR, SIZE_ERROR, ContactSettings
-from .traction.settings import TractionSettings
 from .untouched import untouched_field
 
 __all__ = [
@@ -40,7 +39,6 @@ __all__ = [
     "ContactSettings",
     "ContactWay",
     "DomeResponse",
-    "TractionSettings",
     "limited_object",
     "limited_pose",
     "moves_of",

@@ -1,7 +1,7 @@
 """Force field from tracks on a dome, by fitting a simulated contact to them.
 
-A yellow layer on the rigid core does not move, and one moving layer does not determine free
-tractions. It determines a contact: an object of two curvatures, its stiffness and friction, and
+A yellow layer on the rigid core does not move, and one moving layer does not determine the force
+on each node. It determines a contact: an object of two curvatures, its stiffness and friction, and
 the path on which it was pressed, shifted and turned (`contact_state`). Other frames are refused.
 """
 

@@ -10,10 +10,8 @@ from ..worlds.dome.readings import NEAR, UNITS, constant, scores
 from ..worlds.dome.scenes import NOMINAL, TURNED
 from ..worlds.dome.sets import (
     BEST,
-    DESIGNS,
     DOME_GROUPS,
     ELEMENTS,
-    FREE,
     NEXT,
     SOFT,
     DomeResult,
@@ -39,7 +37,7 @@ _COVERED = ("normal", "friction", "margin")
 
 
 def _bounds(design: str, kind: str) -> dict[str, Bounds]:
-    """Targets of BEST in a set, or of FREE where two layers are soft, by score."""
+    """Targets of BEST in a set, by score."""
     if kind == NOMINAL:  # what a specimen costs that was not calibrated
         return {}
     if kind == "unlike":
@@ -59,7 +57,6 @@ def _bounds(design: str, kind: str) -> dict[str, Bounds]:
             "side_y": Bounds(high=0.01),
             "mu_error": Bounds(high=0.04),
             "margin_30": Bounds(high=0.03),
-            "rate": Bounds(low=200.0),
         }
     near = zip(NEAR, _MARGINS[design], strict=True)
     return {
@@ -113,8 +110,7 @@ def _rows(design: str, kind: str, result: DomeResult) -> Iterator[Row]:
     guess = constant(result.true, result.side)
     guessed = scores(guess, result.true, result.side)
     for method, reading in {CONSTANT: guess, **result.readings}.items():
-        soft = kind == SOFT or design == NEXT
-        mine = method == (FREE if soft else BEST) and (soft or design in DESIGNS)
+        mine = method == BEST and (design != DESIGN or kind == SOFT)
         bounds = _bounds(design, kind) if mine else {}
         for score, value in scores(reading, result.true, result.side).items():
             target = bounds.get(score)

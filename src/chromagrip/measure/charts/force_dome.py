@@ -13,7 +13,7 @@ from ..worlds.dome.sets import (
     BEST,
     COMPARED,
     DESIGNS,
-    FREE,
+    NEXT,
     SOFT,
     DomeResult,
     DomeTask,
@@ -30,11 +30,8 @@ _SCENES, _QUICK_SCENES, _OF_OTHERS = 4, 1, 2
 _TITLE = f"Reconstructors on domes of silicone: sensor {DESIGN}, noise of 2 levels, any direction"
 #: Errors that are drawn, their labels and units.
 _ERRORS = {"normal_error": ("ΣFn, RMS error [%]", "%"), "margin_error": ("Γ, RMS error", "")}
-#: Designs that fewer reconstructors read, as they are used, with those that do.
-_OTHERS: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(DESIGNS, (BEST,)),
-    "chromatouch-next": (BEST, FREE),
-}
+#: Designs that BEST alone reads, as they are used.
+_OTHERS = (*DESIGNS, NEXT)
 
 
 @study("chart", "force", worlds=("dome",), method="reconstructor")
@@ -47,8 +44,8 @@ def dome_chart(asked: Asked) -> Study[DomeTask, DomeResult]:
     methods = choose(asked, COMPARED)
     count = _QUICK_SCENES if asked.quick else _SCENES
     wanted = tasks({(DESIGN, SOFT): count}, methods)
-    for design, names in {} if asked.quick or asked.methods else _OTHERS.items():
-        wanted += tasks({(design, "matched"): _OF_OTHERS}, {name: name for name in names})
+    for design in () if asked.quick or asked.methods else _OTHERS:
+        wanted += tasks({(design, "matched"): _OF_OTHERS}, {BEST: BEST})
     return chart_study(
         lambda results: _chart(by_set(results), count),
         measure_scene,
@@ -82,7 +79,7 @@ def _chart(sets: Mapping[tuple[str, str], DomeResult], count: int) -> Chart:
                 name=name,
                 times=_times(reading),
                 errors={key: found[key] for key in _ERRORS},
-                ours=name in (BEST, FREE),
+                ours=name == BEST,
                 settings=_told(found, "0.8 to 1.2 N", count),
                 command=f"chromagrip chart force --world dome --reconstructor {name}",
             )

@@ -22,11 +22,9 @@ class Drawn:
     sensor: design
     dome: its silicone
     seed: of the noise
-    share: of the noise that tracks say they have
     """
 
-    def __init__(self, sensor: SensorDesign, dome: Dome, seed: int = 0, share: float = 1.0) -> None:
-        self._share = share
+    def __init__(self, sensor: SensorDesign, dome: Dome, seed: int = 0) -> None:
         self._sensor, self._map = sensor, DomeMap(sensor, dome)
         self._random = np.random.default_rng(seed)
         self._sizes = self._measured(np.zeros((len(lattice(dome).ring), 3)))[1]
@@ -40,8 +38,8 @@ class Drawn:
         covariance = np.diag([PLACE**2, PLACE**2, SIZE**2] * 2)
         return Tracks(
             time=self._time,
-            position=place + self._share * PLACE * self._random.normal(size=place.shape),
-            log_size=size - self._sizes + self._share * SIZE * self._random.normal(size=shape),
+            position=place + PLACE * self._random.normal(size=place.shape),
+            log_size=size - self._sizes + SIZE * self._random.normal(size=shape),
             hue=np.full(shape[1], np.nan),
             visible=np.ones(shape, bool),
             ambiguous=np.zeros(shape, bool),

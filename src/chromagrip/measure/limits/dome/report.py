@@ -107,23 +107,19 @@ class DomeLimit(BodyLimit):
         return dict(zip(NOISES, (bound, misfit), strict=True))
 
     def entry(self) -> dict[str, Any]:
-        """Truth, moving layers, reconstructors that can read the design, and limits."""
+        """Truth, moving layers, the reconstructor that can read the design, and limits."""
         noises, seen, held = self.noises(self.levels), self.seen, self.held
         found = {"contact": {name: seen.contact(noise) for name, noise in noises.items()}}
         for zone in ZONES:
             free = seen.tractions(list(noises.values()), seen.zone(zone))
             found[f"tractions, {zone}"] = dict(zip(noises, free, strict=True))
         moving, enough = moving_layers(self.design, held.dome), READ * self.grip.normal
-        read = {what: each[NOISES[1]].normal < enough for what, each in found.items()}
-        able = {
-            "contact": moving > 0 and read["contact"],
-            "traction": moving > 1 and read[f"tractions, {ZONES[1]}"],
-        }
+        able = moving > 0 and found["contact"][NOISES[1]].normal < enough
         truth = {_UNITS[name]: float(value) for name, value in zip(SUMS, held.sums, strict=True)}
         return {
             "truth": truth | {"mu": held.friction, "margin": held.margin},
             "moving_layers": moving,
-            "read_by": [name for name, can in able.items() if can],
+            "read_by": ["contact"] if able else [],
             "deviations": {
                 what: {noise: _entry_of(deviations) for noise, deviations in each.items()}
                 for what, each in found.items()

@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 DESIGNS, ELEMENTS = ("dome-2020", "dome-2022"), "elements"
 #: Design of two soft layers whose mismatched specimens are read too, and its share of the scenes.
 NEXT, _FEWER = "chromatouch-next", 4
-#: Name of the sets that all estimators read in all worlds, and of the one of their design that is
-#: read by those of domes.
+#: Names of the sets that all estimators read in all worlds, and of the one of their design that
+#: BEST reads.
 ACROSS, SOFT = "across", "soft"
 #: Groups that can be asked for.
 DOME_GROUPS = (*SETS, ELEMENTS, ACROSS)
@@ -37,10 +37,10 @@ COUNTS = {
     SOFT: 16,
 }
 QUICK = {"matched": 2, ELEMENTS: 1}
-#: Estimators of the chain, of domes, and of domes of two soft layers.
-CHAIN, BEST, FREE = "sequential", "contact", "traction"
+#: Estimators of the chain and of domes.
+CHAIN, BEST = "sequential", "contact"
 #: Those that read the sets of all worlds.
-COMPARED = (CHAIN, BEST, FREE)
+COMPARED = (CHAIN, BEST)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,11 +126,7 @@ def by_set(results: Results[DomeTask, DomeResult]) -> dict[tuple[str, str], Dome
 
 def readers_of(design: str, kind: str) -> tuple[str, ...]:
     """Estimators that read a set of a design where none are asked for."""
-    if design == NEXT:
-        return (FREE,)
-    if kind == SOFT:
-        return FREE, BEST
-    return COMPARED if design == DESIGN else (BEST,)
+    return COMPARED if design == DESIGN and kind != SOFT else (BEST,)
 
 
 def measure_scene(task: DomeTask) -> DomeResult:
