@@ -7,7 +7,6 @@ by name. `chain` and `dome` hold the reconstructors of each body.
 from .calibration import (
     FitReport,
     SensorCalibration,
-    Values,
     calibration_table,
     check_stiff,
     check_trainable,
@@ -17,9 +16,7 @@ from .calibration import (
     sensor_as_designed,
     shipped_readout,
     silicone_of,
-    values_of,
     with_silicone,
-    with_values,
 )
 from .displacement import DisplacementGains, fit_gains, skin_displacement
 from .dome import ContactSettings, TractionSettings, untouched_field
@@ -87,7 +84,6 @@ __all__ = [
     "SensorCalibration",
     "SiliconeValues",
     "TractionSettings",
-    "Values",
     "aligned",
     "alignment",
     "body_read",
@@ -118,8 +114,6 @@ __all__ = [
     "skin_displacement",
     "training_key",
     "untouched_field",
-    "values_of",
     "with_silicone",
-    "with_values",
     "yellow_moves",
 ]
