@@ -256,9 +256,7 @@ def listed(calibrated: Calibrated) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("column", "value"), [(1, "11"), (1, "40"), (4, "2")]
-)
+@pytest.mark.parametrize(("column", "value"), [(1, "11"), (1, "40"), (4, "2")])
 def test_presses_that_no_silicone_explains_are_refused(
     calibrated: Calibrated, tmp_path: Path, column: int, value: str
 ) -> None:
