@@ -193,8 +193,7 @@ def _model(values: dict[str, Any], count: int, wanted: str | None) -> str:
     if model is None and count == 4:
         raise UserError(
             "it does not say whether its four coefficients are a fisheye's (k1, k2, k3, k4) or a "
-            "pinhole's (k1, k2, p1, p2); give model in [camera] of the design, or to "
-            "calibrate walk --camera-model"
+            "pinhole's (k1, k2, p1, p2); give model in [camera] of the design"
         )
     if model is None or count not in _COUNTS[model]:
         raise UserError(

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from msgspec.structs import replace as changed
+import tomli_w
 
 from chromagrip.calibrate import first_use
 from chromagrip.calibrate import readout as training
@@ -32,8 +32,7 @@ from chromagrip.tracking.forces import (
     check_trainable,
     kept_path,
     kept_readout,
-    values_of,
-    with_values,
+    nominal_calibration,
 )
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -106,13 +105,20 @@ def test_calibrations_of_one_design_share_what_is_learned_of_it(
     trainer: Trainer, tmp_path: Path
 ) -> None:
     """Calibrated values are no other design: forces are scaled, layers are read off the rest."""
-    nominal = load_calibration("fovea")
-    values = changed(values_of(nominal), tissue_stiffness_n_per_m=500.0, yellow_follow=0.45)
-    ensure_readout(with_values(with_values(nominal, values), values))
-    assert [known.sensor for known in trainer.known] == [load_sensor("fovea")]
-    assert trainer.known[0].fingertip == nominal.fingertip
     mine = tmp_path / "mine.toml"
-    mine.write_text("format = 'chromagrip calibration 1'\nsensor = 'fovea'\n")
+    values = {
+        "tissue_stiffness_n_per_m": 500.0,
+        "membrane_stiffness_n_per_m": 1544.0,
+        "tissue_poisson": 0.4,
+        "yellow_follow": 0.45,
+        "magenta_depth_mm": 0.2,
+        "yellow_depth_mm": 0.7,
+    }
+    table = {"format": "chromagrip calibration 1", "sensor": "fovea", "values": values}
+    mine.write_text(tomli_w.dumps(table), encoding="utf-8")
+    ensure_readout(load_calibration(str(mine)))
+    assert [known.sensor for known in trainer.known] == [load_sensor("fovea")]
+    assert trainer.known[0].fingertip == nominal_calibration(load_sensor("fovea")).fingertip
     assert load_calibration(str(mine)).readout == kept_path(load_sensor("fovea"))
 
 

@@ -256,34 +256,19 @@ def listed(calibrated: Calibrated) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("column", "value", "words"),
-    [
-        (4, "-8", "radius_mm is -8; wanted: 0 or above"),
-        (3, "some", "torque_nmm is 'some', which is no number"),
-        # Which of the forces, the markers and the contact says so first, chance decides.
-        pytest.param(1, "11", "Check forces and radii", marks=pytest.mark.slow),
-        (1, "40", "Check forces and radii"),
-        (4, "2", "Check forces and radii"),
-    ],
-)
+@pytest.mark.parametrize(("column", "value"), [(1, "11"), (1, "40"), (4, "2")])
 def test_presses_that_no_silicone_explains_are_refused(
-    calibrated: Calibrated, tmp_path: Path, column: int, value: str, words: str
+    calibrated: Calibrated, tmp_path: Path, column: int, value: str
 ) -> None:
     header, *rows = listed(calibrated)
     # The heaviest of few presses has something wrong.
     values = rows[3].split(",")
     values[column] = value
     folder = folder_of(calibrated, tmp_path, [header, rows[0], rows[2], ",".join(values)])
-    with pytest.raises(UserError, match=words) as refused:
+    # Which of the forces, the markers and the contact says so first, chance decides.
+    with pytest.raises(UserError, match="Check forces and radii") as refused:
         calibrate_sensor(folder, DESIGN)
     assert "\n" not in str(refused.value)
-
-
-def test_balls_are_refused_for_a_chain(calibrated: Calibrated, tmp_path: Path) -> None:
-    folder = folder_of(calibrated, tmp_path, listed(calibrated))
-    with pytest.raises(UserError, match=r"press-4.png .*read as a dome of silicone"):
-        calibrate_sensor(folder, load_sensor("thesis"))
 
 
 def test_a_marker_that_is_off_alike_in_all_presses_is_no_fault_of_theirs() -> None:

@@ -80,18 +80,19 @@ def make_datasets() -> None:
 
 
 def make_presses() -> None:
-    """Presses of a stiff plate with their list, and the calibration that they give."""
-    plate = "--set object.stiffness_kpa=300 --set object.radius_mm=inf"
-    made(f"render {plate} --grip 0.5 1 2 4 --out presses")
-    for k in range(3):
-        made(f"render {plate} --grip 1 --seed {100 + k} --out rest")
-        shutil.move("rest/rest.png", f"presses/rest-{k}.png")
-        shutil.rmtree("rest")
-    poses = json.loads(Path("presses/poses.json").read_text(encoding="utf-8"))["poses"]
-    lines = [f"{pose['image']},{pose['normal_n']},0" for pose in poses]
-    text = "\n".join(["file,normal_n,lateral_n", *lines, ""])
-    Path("presses/presses.csv").write_text(text, encoding="utf-8")
-    made("calibrate sensor presses --out mine.toml")
+    """Presses of a hard plate on a dome with their list, and a calibration of another sensor."""
+    Path("presses").mkdir()
+    lines = ["file,normal_n,lateral_n"]
+    for k, normal in enumerate((1.0, 3.0, 6.0, 10.0)):
+        plate = "--object plane --set object.stiffness_kpa=20000"
+        made(f"render --sensor dome-2020 {plate} --force 0 0 {normal} --out pressed --overwrite")
+        (pose,) = json.loads(Path("pressed/poses.json").read_text(encoding="utf-8"))["poses"]
+        shutil.move(f"pressed/{pose['image']}", f"presses/press-{k}.png")
+        shutil.move("pressed/rest.png", f"presses/rest-{k}.png")
+        lines.append(f"press-{k}.png,{pose['normal_n']},0")
+    Path("presses/presses.csv").write_text("\n".join([*lines, ""]), encoding="utf-8")
+    text = "format = 'chromagrip calibration 1'\nsensor = 'thesis'\nstiffness_deviation = 0.02\n"
+    Path("mine.toml").write_text(text, encoding="utf-8")
 
 
 def make_photographs() -> None:

@@ -145,7 +145,7 @@ def test_five_coefficients_of_anybody_are_a_pinhole(tmp_path: Path, kind: str) -
 @pytest.mark.parametrize("kind", [".yml", ".xml", ".json", "arrays", "plain_json"])
 def test_four_coefficients_are_asked_about(tmp_path: Path, kind: str) -> None:
     path = WRITERS[kind](tmp_path, FOUR)
-    with pytest.raises(UserError, match=r"does not say whether its four .* --camera-model"):
+    with pytest.raises(UserError, match=r"does not say whether its four .* give model in"):
         load_camera(path, (WIDTH, HEIGHT))
     for model, form in (("pinhole", PinholeCamera), ("fisheye", FisheyeCamera)):
         camera = load_camera(path, (WIDTH, HEIGHT), model)

@@ -7,9 +7,7 @@ by name. `chain` and `dome` hold the reconstructors of each body.
 from .calibration import (
     FitReport,
     SensorCalibration,
-    Values,
     calibration_table,
-    check_stiff,
     check_trainable,
     load_calibration,
     nominal_calibration,
@@ -17,9 +15,7 @@ from .calibration import (
     sensor_as_designed,
     shipped_readout,
     silicone_of,
-    values_of,
     with_silicone,
-    with_values,
 )
 from .displacement import DisplacementGains, fit_gains, skin_displacement
 from .dome import ContactSettings, untouched_field
@@ -86,13 +82,11 @@ __all__ = [
     "Reconstructor",
     "SensorCalibration",
     "SiliconeValues",
-    "Values",
     "aligned",
     "alignment",
     "body_read",
     "calibration_table",
     "check_reconstructor",
-    "check_stiff",
     "check_trainable",
     "core_quantile",
     "fit_gains",
@@ -117,8 +111,6 @@ __all__ = [
     "skin_displacement",
     "training_key",
     "untouched_field",
-    "values_of",
     "with_silicone",
-    "with_values",
     "yellow_moves",
 ]

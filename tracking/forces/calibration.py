@@ -26,7 +26,7 @@ NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 
 
 class Values(Table, frozen=True, kw_only=True):
-    """Parameters of a sensor that can be fitted to presses; per-node stiffnesses at 251 nodes."""
+    """Parameters of a sensor that is read as a chain; per-node stiffnesses at 251 nodes."""
 
     tissue_stiffness_n_per_m: Positive
     membrane_stiffness_n_per_m: Positive
@@ -39,8 +39,8 @@ class Values(Table, frozen=True, kw_only=True):
 class FitReport(Table, frozen=True, kw_only=True):
     """Presses to which the parameters were fitted, and the remaining errors.
 
-    `normal_error_share` and `friction_error_n` are RMS errors of the presses' forces, as fitted;
-    `error_px` is that of marker positions.
+    `normal_error_share` is the RMS error of the presses' normal forces, as fitted, and `error_px`
+    that of marker positions. Earlier files of chains have `friction_error_n`.
     `covariance` belongs to the parameters in `deviations`, in their order. `undetermined` names
     those that stay as designed, with the standard deviation of the prior.
     """
@@ -132,19 +132,6 @@ def sensor_as_designed(name: str, law: SpringLaw = "split") -> SensorCalibration
     sensor = load_sensor(name)
     readout = (shipped_readout(name) or kept_readout(sensor)) if law == "split" else None
     return replace(nominal_calibration(sensor, law), name=name, readout=readout)
-
-
-def values_of(calibration: SensorCalibration) -> Values:
-    """Parameters of a calibration that can be fitted to presses."""
-    sensor, tip = calibration.sensor, calibration.fingertip
-    return Values(
-        tissue_stiffness_n_per_m=tip.tissue_stiffness,
-        membrane_stiffness_n_per_m=tip.membrane_stiffness,
-        tissue_poisson=tip.poisson_tissue,
-        yellow_follow=sensor.inner.follow,
-        magenta_depth_mm=sensor.magenta.depth_mm,
-        yellow_depth_mm=sensor.inner.depth_mm,
-    )
 
 
 def with_values(calibration: SensorCalibration, values: Values) -> SensorCalibration:
@@ -373,7 +360,6 @@ def calibration_table(
     sensor: name or file of the design before the calibration
     report: report of the fit
     """
-    flat = calibration.sensor.shape.flat
     pressed = calibration.sensor.silicone != calibration.nominal.silicone
     file = _File(
         format=FORMAT,
@@ -381,7 +367,6 @@ def calibration_table(
         position_floor_px=calibration.position_floor,
         size_floor=calibration.size_floor,
         stiffness_deviation=calibration.stiffness_deviation,
-        values=None if flat or pressed else values_of(calibration),
         silicone=silicone_of(calibration) if pressed else None,
         displacement=calibration.displacement,
         fit=report,

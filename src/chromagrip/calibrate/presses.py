@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UserError, located
-from ..folders import write_whole
 from ..output.processes import one_thread
 from ..pictures.noise_level import noise_level
 from ..render import Frame, SensorDesign
@@ -168,21 +167,6 @@ def read_list(path: Path) -> tuple[list[Press], bool]:
     if not presses:
         raise UserError(f"list of presses {path} has no presses")
     return sorted(presses, key=lambda press: (press.normal, abs(press.lateral))), by_force
-
-
-def write_list(path: Path, presses: list[Press]) -> None:
-    """Write a list of presses by force, as a whole; `read_list` reads it.
-
-    Raises
-    ------
-    UserError
-        When it cannot be written.
-    """
-    lines = [",".join(("file", *BY_FORCE, *ON_SILICONE))]
-    for press in presses:
-        numbers = press.normal, press.lateral, 1e3 * press.torque, 1e3 * press.radius
-        lines.append(",".join([press.name, *(f"{number:.9g}" for number in numbers)]))
-    write_whole(path, ("\n".join(lines) + "\n").encode())
 
 
 def _number(text: str, name: str, where: str) -> float:

@@ -55,7 +55,6 @@ COMMANDS: dict[str, Command] = {
     "estimate": pictures.estimate,
     "calibrate camera": calibrate.calibrate_camera,
     "calibrate sensor": calibrate.calibrate_sensor,
-    "calibrate walk": calibrate.calibrate_walk,
     "calibrate readout": calibrate.calibrate_readout,
     "limit": limit.limit,
     "plan": grasp.plan,
@@ -87,7 +86,7 @@ PURPOSES = {
         "track": "markers through pictures, a video or a camera",
         "estimate": "forces, friction and margin of pictures or a video",
     },
-    "calibrate": {"calibrate": "camera, sensor, walk, readout"},
+    "calibrate": {"calibrate": "camera, sensor, readout"},
     "measure": {
         "bench": "scores next to targets: control, force, loop, track",
         "chart": "speed against error: force, loop, track",
@@ -108,7 +107,6 @@ OF_CHECKOUT = (
     "chart-render",
     "dataset",
     "fidelity",
-    "limits",
     "model",
     "render",
     "speed",
@@ -186,8 +184,8 @@ def front_page() -> str:
         f"{NAME} COMMAND --help shows the options of a command, and an example.",
         f"{NAME} --version shows the version.",
         f"{NAME} --tyro-write-completion bash FILE writes the completion of a shell.",
-        "Exit codes: 0 done, 1 an error in code, a missing part (doctor), no go (calibrate walk),",
-        "2 invalid input, 130 interrupted, 141 output closed, 143 terminated.",
+        "Exit codes: 0 done, 1 an error in code or a missing part (doctor), 2 invalid input,",
+        "130 interrupted, 141 output closed, 143 terminated.",
     ]
     return "\n".join(lines)
 

@@ -1,8 +1,6 @@
-"""The commands `calibrate camera`, `sensor`, `walk` and `readout`."""
+"""The commands `calibrate camera`, `sensor` and `readout`."""
 
 import json
-import math
-import sys
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -12,11 +10,9 @@ import tyro
 from ..calibrate.first_use import EPOCHS, HISTORIES, NOISE, as_designed, place_to_keep
 from ..errors import UserError, located
 from ..stored_pictures import MEGAPIXELS
-from .ending import NAME
 from .options import (
     CORES,
     Flag,
-    Fps,
     Json,
     MaxMegapixels,
     Noise,
@@ -24,11 +20,9 @@ from .options import (
     Workers,
     check_file,
     check_least,
-    going_on,
     option,
     print_table,
     status,
-    stop_if_interrupted,
     value_table,
 )
 
@@ -116,15 +110,16 @@ def calibrate_sensor(
         tyro.conf.Positional,
         option(
             "folder with rest*.png, pictures of presses, and presses.csv. Its columns are file, "
-            "normal_n, lateral_n of a stiff flat plate; on a dome of silicone also torque_nmm, and "
-            "radius_mm of a ball; for a flat pad file, depth_mm, shear_mm",
+            "normal_n, lateral_n, torque_nmm, radius_mm (of a ball, 0 for a flat plate) for a dome "
+            "of silicone; file, depth_mm, shear_mm for a flat pad",
             "PRESSES",
         ),
     ],
     *,
     sensor: Annotated[
-        str, option("design to start from, see `chromagrip list sensors`", "NAME|FILE.toml")
-    ] = "thesis",
+        str,
+        option("dome of silicone or flat pad to start from, such as dome-2022", "NAME|FILE.toml"),
+    ],
     tracker: TrackerName = "fit",
     noise: Noise = None,
     out: Annotated[
@@ -136,12 +131,12 @@ def calibrate_sensor(
         Flag, option("print one JSON object; write a file only with --out", name="json")
     ] = False,
 ) -> int:
-    """Calibrate a sensor's mechanics, or a pad's displacements, from pictures of known presses.
+    """Calibrate a dome of silicone, or a pad's displacements, from pictures of known presses.
 
-    For a sensor that is read as a dome of silicone (dome-2020, dome-2022) it estimates core,
-    Young's modulus, Poisson's ratio and the depths of the layers in the silicone.
+    Of a dome (dome-2020, dome-2022) it estimates core, Young's modulus, Poisson's ratio and the
+    depths of the layers in the silicone.
 
-    Example: chromagrip calibrate sensor presses --out mine.toml
+    Example: chromagrip calibrate sensor presses --sensor dome-2020 --out mine.toml
     """
     from ..render import load_sensor
 
@@ -174,90 +169,16 @@ def calibrate_sensor(
     return 0
 
 
-def calibrate_walk(
-    source: Annotated[
-        str, tyro.conf.Positional, option("camera with the sensor, such as camera:0", "SOURCE")
-    ],
-    *,
-    sensor: Annotated[
-        str, option("design to start from, a dome of silicone such as dome-2022", "NAME|FILE.toml")
-    ],
-    out: Annotated[
-        Path, option("folder of pictures and results; an unfinished one is continued", "DIR")
-    ],
-    lens: Annotated[
-        Path | None,
-        option(
-            "camera file of `calibrate camera`, OpenCV, ROS, Kalibr or NumPy; by default the "
-            "design's lens",
-            "FILE",
-        ),
-    ] = None,
-    camera_model: Annotated[
-        Literal["fisheye", "pinhole"] | None,
-        option("model of a --lens whose file leaves it open", "fisheye|pinhole"),
-    ] = None,
-    presses: Annotated[int, option("number of presses for the fit", "N")] = 6,
-    lowest_n: Annotated[float, option("force of the lightest press in N", "N")] = 0.5,
-    highest_n: Annotated[float, option("force of the hardest press in N", "N")] = 5.0,
-    scale_error: Annotated[
-        float, option("standard deviation of the scale, as a share of its reading", "SHARE")
-    ] = 0.02,
-    fps: Fps = None,
-    json_only: Json = False,
-) -> int:
-    """Calibrate a sensor before a camera, led from step to step, and say how well it reads.
-
-    It asks for the unloaded sensor, some presses on a scale with a ball or a flat plate, and a
-    check press. A go writes calibration.toml with the errors to expect, at this camera's rate and
-    noise. Exit code 1 is no go: the check press is read otherwise than the scale explains.
-
-    Example: chromagrip calibrate walk camera:0 --sensor dome-2022 --out mine
-    """
-    check_least(presses=(presses, 2), lowest_n=(lowest_n, 1e-3), scale_error=(scale_error, 0.0))
-    if not 1.5 * lowest_n <= highest_n < math.inf:
-        raise UserError(f"--highest-n {highest_n:g}: expected at least 1.5 times --lowest-n")
-    if source == "pipe:-":
-        raise UserError("pipe:- is where the answers come from; give a camera or another pipe")
-
-    from ..calibrate.walk import SUMMARY, Plan, walk
-
-    def tell(text: str) -> None:
-        print(f"{NAME}: {text}", file=sys.stderr, flush=True)
-        stop_if_interrupted()
-
-    def ask(question: str) -> str:
-        print(f"\n{question}: ", end="", file=sys.stderr, flush=True)
-        return input()
-
-    plan = Plan(presses=presses, forces=(lowest_n, highest_n), scale_error=scale_error)
-    with going_on(out, "rest-0.png"):
-        summary = walk(
-            source,
-            out,
-            sensor=sensor,
-            ask=ask,
-            tell=tell,
-            lens=lens,
-            camera_model=camera_model,
-            fps=fps,
-            plan=plan,
-        )
-    print(json.dumps(summary) if json_only else f"{summary['sentence']}\n{out / SUMMARY}")
-    return 0 if summary["go"] else 1
-
-
 def _print_sensor(result: "SensorCalibration", report: "FitReport", out: Path | None) -> None:
     from msgspec.structs import asdict
 
-    from ..tracking.forces import silicone_of, values_of
+    from ..tracking.forces import silicone_of
 
     table = value_table()
     table.add_row("presses", str(len(report.presses)))
     table.add_row("noise", f"{report.noise_levels:.2f} levels")
-    silicone = silicone_of(result) if report.covariance else None
-    found = asdict(silicone or values_of(result)) if result.displacement is None else {}
-    for name, value in found.items():
+    silicone = silicone_of(result)
+    for name, value in asdict(silicone).items() if silicone else ():
         if value is None:  # a layer on the core, of no depth of its own
             continue
         by = report.deviations.get(name)
@@ -270,8 +191,6 @@ def _print_sensor(result: "SensorCalibration", report: "FitReport", out: Path | 
     table.add_row("markers miss by", f"{report.error_px:.3f} px RMS")
     if report.normal_error_share is not None:
         table.add_row("forces left by the fit", f"{report.normal_error_share:.1%} RMS normal")
-        if report.friction_error_n is not None:
-            table.add_row("", f"{report.friction_error_n:.3f} N RMS friction")
     table.add_row("file", str(out))
     print_table(table)
 

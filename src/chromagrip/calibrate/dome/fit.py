@@ -40,7 +40,7 @@ class Data:
     shifts: (x, y, log size) of both layers since rest, shape (K, P, 6)
     visible: shape (K, P)
     tells: which of the six count
-    weights: of the W values in all presses, see `whitening`, shape (P, KW, KW)
+    weights: of the W values in all presses, inverse root of their covariance, (P, KW, KW)
     """
 
     presses: list[Press]

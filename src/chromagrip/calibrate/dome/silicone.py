@@ -20,7 +20,6 @@ from ...tracking.forces import (
     with_silicone,
 )
 from ...tracking.forces.dome import INDEPENDENT, ON_CORE, PLACE_ERROR, SIZE_ERROR
-from ..press_fit import whitening
 from ..presses import Pressed
 from .fit import Data, SiliconeFit, fit_silicone
 
@@ -128,8 +127,24 @@ def _weighted(shifts: MarkerShifts, pressed: Pressed, data: Data) -> Data:
     unknown = 1e6  # variance of a pair that was not visible [px²]
     own = np.where(data.visible[..., None, None], own, unknown * np.eye(6))
     shared = shifts.rest_covariance
-    weights = whitening(own[:, :, *square], shared[:, *square])
+    weights = _whitening(own[:, :, *square], shared[:, *square])
     return replace(data, weights=weights)
+
+
+def _whitening(own: Array, shared: Array) -> Array:
+    """Matrices that make the errors of a pair in all presses independent, (P, KW, KW).
+
+    Parameters
+    ----------
+    own: covariance of each press alone, shape (K, P, W, W)
+    shared: covariance that all presses have in common, shape (P, W, W)
+    """
+    presses, each = len(own), shared.shape[-1]
+    covariance = np.tile(shared, (1, presses, presses))
+    for k in range(presses):
+        block = slice(each * k, each * (k + 1))
+        covariance[:, block, block] += own[k]
+    return np.linalg.inv(np.linalg.cholesky(covariance))
 
 
 def _without_outliers(seen: Array, data: Data) -> NDArray[np.bool_]:
