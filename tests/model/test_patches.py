@@ -29,9 +29,9 @@ def press_and_pull(grip: float, load: float) -> Drive:
     return Drive(times=[0.0, 0.2, 0.4], normal=[0.0, grip, grip], lateral=[0.0, 0.0, load])
 
 
-def pulled(obj: ContactObject, grip: float, load: float, method: str = "implicit") -> History:
+def pulled(obj: ContactObject, grip: float, load: float) -> History:
     drive = press_and_pull(grip, load)
-    return integrate(method, TIP, obj, drive, dt=2e-3, duration=1.0, every=50)
+    return simulate(TIP, obj, drive, dt=2e-3, duration=1.0, every=50)
 
 
 def last(obj: ContactObject, run: History) -> tuple[np.ndarray, ForceField]:
@@ -39,11 +39,10 @@ def last(obj: ContactObject, run: History) -> tuple[np.ndarray, ForceField]:
     return node_friction(TIP, obj, state), contact_forces(TIP, obj, state)
 
 
-@pytest.mark.parametrize("method", ["implicit", "lagged"])
 @pytest.mark.parametrize("curvature", [0.0, 50.0])
-def test_each_node_keeps_its_own_cone(curvature: float, method: str) -> None:
+def test_each_node_keeps_its_own_cone(curvature: float) -> None:
     obj = replace(STRIPED, curvature=curvature)
-    run = pulled(obj, 2.0, 0.6, method)
+    run = pulled(obj, 2.0, 0.6)
     for k in range(len(run)):
         state = run.state(k)
         field = contact_forces(TIP, obj, state)
@@ -80,11 +79,10 @@ def test_the_whole_friction_of_nothing() -> None:
     assert whole_friction(TIP, ContactObject(friction=0.4), state, field) == 0.4
 
 
-@pytest.mark.parametrize("method", ["implicit", "lagged"])
-def test_patches_that_are_all_one_change_no_bit(method: str) -> None:
+def test_patches_that_are_all_one_change_no_bit() -> None:
     even = replace(STRIPED, patches=((-1e-3, 1.0), (2e-3, 1.0)))
-    plain = pulled(replace(STRIPED, patches=()), 2.0, 0.6, method)
-    same = pulled(even, 2.0, 0.6, method)
+    plain = pulled(replace(STRIPED, patches=()), 2.0, 0.6)
+    same = pulled(even, 2.0, 0.6)
     np.testing.assert_array_equal(same.nodes, plain.nodes)
     np.testing.assert_array_equal(same.friction, plain.friction)
 
