@@ -11,12 +11,11 @@ which estimates are compared.
 
 from .chain.assembly import check_fit
 from .chain.drive import Drive
-from .chain.ensemble import Copies, Ensemble, copies_of, place_many, rest_ensemble, step_many
+from .chain.ensemble import Copies, Ensemble, copies_of, place_many, rest_ensemble
 from .chain.fingertip import REFERENCE_NODES, Fingertip, SpringLaw
-from .chain.integrators import INTEGRATORS, Integrator, Method, explicit_limit, simulate
 from .chain.metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
-from .chain.plant import History, step, steps
-from .chain.state import Deformation, State, load_state, rest_state, save_state
+from .chain.plant import History, simulate, step, steps
+from .chain.state import Deformation, State, rest_state
 from .chain.statics import equilibrium, largest_grip, refuse_flattening
 from .chain.stiffness import chain_compliance, chain_forces, spring_force, spring_forces
 from .dome import (
@@ -30,15 +29,12 @@ from .dome import (
     contact_steps,
     dome_forces,
     limit_margin,
-    load_dome_state,
     press_and_move,
-    save_dome_state,
     simulate_contact,
     solid_stiffness,
 )
 from .errors import (
     ConvergenceError,
-    DivergedError,
     LostContactError,
     ModelError,
     NoEquilibriumError,
@@ -58,13 +54,11 @@ from .objects import ContactObject, Surface, stiffness_from_young
 
 __all__ = [
     "GROSS_SLIP",
-    "INTEGRATORS",
     "REFERENCE_NODES",
     "ContactObject",
     "ConvergenceError",
     "Copies",
     "Deformation",
-    "DivergedError",
     "Dome",
     "DomeRun",
     "DomeState",
@@ -74,10 +68,8 @@ __all__ = [
     "ForceField",
     "FrictionReading",
     "History",
-    "Integrator",
     "LoadPlane",
     "LostContactError",
-    "Method",
     "ModelError",
     "Motion",
     "NoEquilibriumError",
@@ -97,12 +89,9 @@ __all__ = [
     "copies_of",
     "dome_forces",
     "equilibrium",
-    "explicit_limit",
     "follow_slip",
     "largest_grip",
     "limit_margin",
-    "load_dome_state",
-    "load_state",
     "margin_within",
     "no_slip",
     "node_friction",
@@ -112,15 +101,12 @@ __all__ = [
     "refuse_flattening",
     "rest_ensemble",
     "rest_state",
-    "save_dome_state",
-    "save_state",
     "simulate",
     "simulate_contact",
     "solid_stiffness",
     "spring_force",
     "spring_forces",
     "step",
-    "step_many",
     "steps",
     "stiffness_from_young",
     "torsion",

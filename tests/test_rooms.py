@@ -68,7 +68,6 @@ MOST_LINES = 60
 #: doors whose parameters and their description fill most lines.
 LONG_FUNCTIONS = {
     "loop.poses.folder.render_poses",
-    "model.chain.ensemble.step_many",
     "mujoco.attach",
     "pictures.estimate.estimate_source",
 }

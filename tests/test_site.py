@@ -87,14 +87,14 @@ def test_what_is_typed_is_found_in_a_browser_from_disk(
         page.get((site / "index.html").as_uri())
         page.execute_script("document.querySelector('[data-md-toggle=search]').click()")
         page.find_element("css selector", "[data-md-component=search-query]").send_keys(
-            "explicit_limit"
+            "largest_grip"
         )
         deadline, found = time.monotonic() + 20.0, ""
-        while time.monotonic() < deadline and "model/explicit_limit.html" not in found:
+        while time.monotonic() < deadline and "model/largest_grip.html" not in found:
             links = page.find_elements("css selector", ".md-search-result__link")
             found = " ".join(link.get_attribute("href") for link in links)
             time.sleep(0.2)
-        assert "reference/model/explicit_limit.html" in found
+        assert "reference/model/largest_grip.html" in found
         room = "return document.documentElement.scrollWidth - window.innerWidth"
         assert page.execute_script(room) <= 0
         assert browser.complaints() == []

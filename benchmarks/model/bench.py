@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from benchmarks.model.bodies import bench_bodies
 from benchmarks.model.dome import bench_dome
+from benchmarks.model.integrators import explicit_limit, integrate
 from benchmarks.model.mesh_distances import bench_meshes
 from benchmarks.model.pinch_steps import pinch_rows
 from benchmarks.parts import Part, parts_study
@@ -23,14 +24,9 @@ from chromagrip.model import (
     Fingertip,
     ForceField,
     History,
-    Method,
     ModelError,
     contact_forces,
-    explicit_limit,
-    rest_ensemble,
-    rest_state,
     simulate,
-    step_many,
 )
 from chromagrip.output.report import Bounds, Row, at_least, at_most, measured, reported
 
@@ -57,9 +53,7 @@ def model_study(asked: Asked) -> Study[Part, tuple[Row, ...]]:
         "real time": lambda _: _real_time(),
         "cost over nodes": lambda _: _cost_over_nodes(),
         "graded": _graded,
-        "reductions": lambda _: _reductions(),
         "true steps": _true_steps,
-        "ensemble": _ensemble,
         "dome": bench_dome,
         "meshes": bench_meshes,
         "bodies": bench_bodies,
@@ -107,16 +101,10 @@ def _against_dense(quick: bool) -> Iterator[Row]:
     implicit = _cpu(lambda: simulate(tip, _OBJECT, drive, dt=1e-3, duration=2.0, every=100), 5)
     steps = 200 if quick else 1000
     seconds = []
-    baselines: tuple[Method, ...] = ("euler", "rk4")
-    for method in baselines:
-        dt = SAFE * explicit_limit(tip, _OBJECT, rest_state(tip), method)
+    for method in ("euler", "rk4"):
+        dt = SAFE * explicit_limit(tip, _OBJECT, method=method)
         run = partial(
-            simulate,
-            *(tip, _OBJECT, drive),
-            dt=dt,
-            duration=steps * dt,
-            every=steps,
-            method=method,
+            integrate, method, tip, _OBJECT, drive, dt=dt, duration=steps * dt, every=steps
         )
         seconds.append(_cpu(run, 1) / steps * 2.0 / dt)
         yield reported(("dense", method, "step"), dt * 1e6, "µs")
@@ -128,17 +116,16 @@ def _against_dense(quick: bool) -> Iterator[Row]:
     small = Fingertip(nodes=51)
     short = Drive(times=np.array([0.0, 0.01]), normal=np.array([0.0, 1.0]), lateral=np.zeros(2))
     span = 0.012
-    limit = explicit_limit(small, _OBJECT, rest_state(small), "euler")
+    limit = explicit_limit(small, _OBJECT)
     dt = span / np.ceil(span / (SAFE * limit))
 
-    def final_normal(dt: float, method: Method) -> float:
+    def final_normal(dt: float, method: str) -> float:
         every = round(span / dt)
-        run = simulate(small, _OBJECT, short, dt=dt, duration=span, every=every, method=method)
+        run = integrate(method, small, _OBJECT, short, dt=dt, duration=span, every=every)
         return float(contact_forces(small, _OBJECT, run.state(-1)).normal.sum())
 
     truth = final_normal(dt / 20, "implicit")
-    steps_of: dict[Method, float] = {"euler": dt, "implicit": 1e-3}
-    for method, step in steps_of.items():
+    for method, step in {"euler": dt, "implicit": 1e-3}.items():
         error = abs(final_normal(step, method) / truth - 1.0)
         yield reported(("accuracy", method, "normal_after_12ms"), 100 * error, "%")
 
@@ -218,31 +205,6 @@ def _graded(quick: bool) -> Iterator[Row]:
         yield reported(("graded", f"{name}_95_of_100_runs"), usual, "%")
 
 
-def _reductions() -> Iterator[Row]:
-    """Cost and error of half a chain and of a chain without friction, on a press without load."""
-    tip, drive = Fingertip(), smooth_grasp(2.0, 0.0)
-
-    def press(half: bool = False, friction: bool = True) -> tuple[float, Array]:
-        run = partial(
-            simulate,
-            *(tip, _OBJECT, drive),
-            dt=1e-3,
-            duration=0.4,
-            every=400,
-            half=half,
-            friction=friction,
-        )
-        return _cpu(run, 5), _measures(tip, _OBJECT, run())[-1]
-
-    full, truth = press()
-    for name, choice in (("half", {"half": True}), ("no_friction", {"friction": False})):
-        spent, found = press(**choice)
-        error = 100 * abs(found / truth - 1.0)
-        yield reported((name, "speed_up"), full / spent, "×")
-        yield reported((name, "normal"), error[0], "%")
-        yield reported((name, "width"), error[2], "%")
-
-
 def margins(tip: Fingertip, obj: ContactObject, run: History) -> Array:
     """ΣFn and Γ over all nodes at each recorded instant but the first, shape (R − 1, 2).
 
@@ -296,21 +258,3 @@ def _swing(tip: Fingertip, obj: ContactObject, drive: Drive) -> float:
         contact_forces(tip, obj, run.state(k)).normal.sum() for k in range(len(run) - 15, len(run))
     ]
     return float(abs(np.diff(normal, n=2)).max())
-
-
-def _ensemble(quick: bool) -> Iterator[Row]:
-    tip = Fingertip.graded()
-    objects = OBJECTS * 2
-    count, steps = len(objects), 200 if quick else 1000
-    t: Array = np.linspace(1e-3, steps * 1e-3, steps)
-    grips = np.random.default_rng(0).uniform(0.5, 4.0, count)
-    grip = grips[:, None] * _smooth(t, 0.0, 0.2)
-    friction = np.array([obj.friction for obj in objects])
-    load = 0.5 * friction[:, None] * grip * _smooth(t, 0.2, 0.6)
-    start = rest_ensemble(tip, count)
-    for threads, target in ((1, None), (2, Bounds(low=50e3))):
-        step_many(tip, objects, start, 1e-3, grip[:, :2], load[:, :2], threads)
-        begin = time.perf_counter()
-        step_many(tip, objects, start, 1e-3, grip, load, threads)
-        rate = count * steps / (time.perf_counter() - begin)
-        yield measured(("ensemble", f"{threads}_threads"), rate, "steps/s", target)

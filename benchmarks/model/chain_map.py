@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from benchmarks.model.bench import margins
+from benchmarks.model.integrators import ADAPTIVE, EXPLICIT, explicit_limit, integrate
 from chromagrip.measure.stability.fields import draw_cells, patches, title_of
 from chromagrip.measure.stability.panels import Outcome, Outcomes, map_study
 from chromagrip.measure.study import Asked, Study, study
@@ -25,12 +26,8 @@ from chromagrip.model import (
     Drive,
     Fingertip,
     History,
-    Method,
     ModelError,
     contact_forces,
-    explicit_limit,
-    rest_state,
-    simulate,
 )
 from chromagrip.output.figure import WIDTH, legend_below, new_figure, png
 from chromagrip.output.report import Report, Row, at_least, reported
@@ -65,14 +62,11 @@ FINE = 1 / 20_000
 BUDGET = 25_000
 FULL_BUDGET = 100_000
 
-EXPLICIT: tuple[Method, ...] = ("euler", "rk4")
-ADAPTIVE: tuple[Method, ...] = ("rk45", "lsoda", "bdf")
-
 
 class ChainSetting(NamedTuple):
     """Method, nodes, contact stiffness [N/m] and step [s] of a run."""
 
-    method: Method
+    method: str
     nodes: int
     stiffness_n_per_m: float
     step_s: float
@@ -117,7 +111,7 @@ class Grid:
 
     nodes: tuple[int, ...]
     stiffness: tuple[float, ...]
-    steps: dict[Method, tuple[float, ...]]
+    steps: dict[str, tuple[float, ...]]
     budget: int
 
 
@@ -125,7 +119,7 @@ def grid(quick: bool) -> Grid:
     """Full map, or one of under a minute."""
     long = (1e-4, 3e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 4e-2)
     factors = (0.9, 1.5) if quick else (0.5, 0.9, 1.1, 1.5)  # of the predicted limit
-    methods: tuple[Method, ...] = ("implicit", "lagged", *EXPLICIT, *(() if quick else ADAPTIVE))
+    methods = ("implicit", "lagged", *EXPLICIT, *(() if quick else ADAPTIVE))
     return Grid(
         nodes=(21,) if quick else (21, 251),
         stiffness=(160.0, 1e5) if quick else (80.0, 1000.0, 1e4, 1e5),
@@ -137,10 +131,10 @@ def grid(quick: bool) -> Grid:
 
 
 @cache
-def limit(method: Method, nodes: int, stiffness: float) -> float:
+def limit(method: str, nodes: int, stiffness: float) -> float:
     """Largest stable step by linear theory [s]; of `euler` for methods that are not explicit."""
     tip, obj = Fingertip(nodes=nodes), ContactObject(stiffness=stiffness)
-    return explicit_limit(tip, obj, rest_state(tip), method if method in EXPLICIT else "euler")
+    return explicit_limit(tip, obj, method=method if method in EXPLICIT else "euler")
 
 
 class ChainGroup(NamedTuple):
@@ -200,7 +194,7 @@ def cells(group: ChainGroup) -> list[ChainCell]:
     return made
 
 
-def _duration(method: Method) -> float:
+def _duration(method: str) -> float:
     return DURATION if method in ("implicit", "lagged") else SHORT
 
 
@@ -211,18 +205,11 @@ def _grasp(duration: float) -> Drive:
     return Drive(times=duration * share, normal=rise, lateral=0.25 * pull)
 
 
-def _run(tip: Fingertip, obj: ContactObject, method: Method, dt: float, duration: float) -> History:
+def _run(tip: Fingertip, obj: ContactObject, method: str, dt: float, duration: float) -> History:
     """The grasp, recorded at LOOKS instants, in whole steps of about dt between them."""
     each = max(1, round(duration / LOOKS / dt))
-    return simulate(
-        tip,
-        obj,
-        _grasp(duration),
-        dt=duration / (LOOKS * each),
-        duration=duration,
-        every=each,
-        method=method,
-    )
+    dt = duration / (LOOKS * each)
+    return integrate(method, tip, obj, _grasp(duration), dt=dt, duration=duration, every=each)
 
 
 def _cell(
@@ -253,11 +240,11 @@ def _cell(
     return cell("accurate" if error <= ACCURATE else "inaccurate", error, swing)
 
 
-def _swing(tip: Fingertip, obj: ContactObject, method: Method, dt: float, run: History) -> float:
+def _swing(tip: Fingertip, obj: ContactObject, method: str, dt: float, run: History) -> float:
     """Second difference of ΣFn over eight more steps of the held grasp, over ΣFn."""
     start = run.state(-1)
     drive = Drive.constant(1.0, 0.25)
-    held = simulate(tip, obj, drive, dt=dt, duration=8 * dt, state=start, method=method)
+    held = integrate(method, tip, obj, drive, dt=dt, duration=8 * dt, state=start)
     normal = [contact_forces(tip, obj, held.state(k)).normal.sum() for k in range(1, len(held))]
     return float(abs(np.diff(normal, n=2)).max() / max(normal[0], 1e-9))
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.model.bench import SAFE, margins, smooth_grasp
+from benchmarks.model.integrators import explicit_limit, integrate
 from benchmarks.parts import Part, whole_chart
 from chromagrip.measure.charts.chart import Axis, Chart, Point
 from chromagrip.measure.study import Asked, Study, study
@@ -20,13 +21,9 @@ from chromagrip.model import (
     Dome,
     Fingertip,
     History,
-    Method,
     Motion,
     Solid,
     dome_forces,
-    explicit_limit,
-    rest_state,
-    simulate,
     simulate_contact,
 )
 from chromagrip.model.shapes import Shape, ball, cylinder, plane
@@ -75,9 +72,7 @@ class ModelSetting:
     ours: bool = True
 
 
-def _chain(
-    name: str, tip: Fingertip, step: float = 1e-3, method: Method = "implicit"
-) -> ModelSetting:
+def _chain(name: str, tip: Fingertip, step: float = 1e-3, method: str = "implicit") -> ModelSetting:
     return ModelSetting(
         name=name,
         words=f"{tip.law} chain, {method}",
@@ -87,15 +82,14 @@ def _chain(
     )
 
 
-def _chain_grasp(tip: Fingertip, step: float, method: Method, obj: ContactObject) -> History:
+def _chain_grasp(tip: Fingertip, step: float, method: str, obj: ContactObject) -> History:
     """Instants of a grasp; an explicit method takes SAFE of its stable step."""
     if method != "implicit":
-        step = SAFE * explicit_limit(tip, obj, rest_state(tip), method)
+        step = SAFE * explicit_limit(tip, obj, method=method)
     every = int(np.ceil(_EVERY / step))
     drive = smooth_grasp(_GRIP, 0.5 * obj.friction * _GRIP)
-    return simulate(
-        tip, obj, drive, dt=_EVERY / every, duration=_DURATION, every=every, method=method
-    )
+    dt = _EVERY / every
+    return integrate(method, tip, obj, drive, dt=dt, duration=_DURATION, every=every)
 
 
 def _chains(quick: bool) -> list[ModelSetting]:
@@ -114,8 +108,9 @@ def _chains(quick: bool) -> list[ModelSetting]:
             _chain("501 nodes, 1 ms", Fingertip(nodes=501)),
         ]
         small = Fingertip(nodes=51)
-        methods: tuple[Method, ...] = ("euler", "rk4")
-        settings += [_chain(f"51 nodes, {method}", small, method=method) for method in methods]
+        settings += [
+            _chain(f"51 nodes, {method}", small, method=method) for method in ("euler", "rk4")
+        ]
     return settings
 
 

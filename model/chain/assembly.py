@@ -16,11 +16,7 @@ Array = NDArray[np.float64]
 
 
 class Chain(NamedTuple):
-    """Parameters of a chain of N nodes, in SI units.
-
-    A half chain starts at the apex, which its mirror plane holds in x; a whole one starts at the
-    left rim, which the rigid part holds.
-    """
+    """Parameters of a chain of N nodes, in SI units; the rigid part holds the two at the rims."""
 
     rest: Array  # (N, 2) node positions
     share: Array  # (N,) arc length of a node over that at 251 even nodes
@@ -31,17 +27,16 @@ class Chain(NamedTuple):
     damping: Array  # (N,) damper from each node to ground
     damping_rigid: float  # damper from the rigid part to ground
     law: int  # index in `SpringLaw`
-    half: bool  # whether this is the right half of a symmetric chain
 
 
 @lru_cache(maxsize=64)
-def chain(fingertip: Fingertip, half: bool = False) -> Chain:
-    """Parameters of a fingertip, or of its right half from the apex on."""
+def chain(fingertip: Fingertip) -> Chain:
+    """Parameters of a fingertip."""
     rest, share = fingertip.rest_positions(), fingertip.shares()
     arc = fingertip.arc_lengths()
     spacing = np.diff(arc) * ((REFERENCE_NODES - 1) / arc[-1])
     sign = fingertip.poisson_signs()
-    whole = Chain(
+    return Chain(
         rest=rest,
         share=share,
         tissue=fingertip.tissue_stiffness * share,
@@ -51,30 +46,6 @@ def chain(fingertip: Fingertip, half: bool = False) -> Chain:
         damping=fingertip.damping_node * share,
         damping_rigid=float(fingertip.damping_rigid),
         law=get_args(SpringLaw).index(fingertip.law),
-        half=False,
-    )
-    return _right_half(whole) if half else whole
-
-
-def _right_half(whole: Chain) -> Chain:
-    """Cut the right half of a symmetric chain; UserError if it is not symmetric."""
-    n = len(whole.share)
-    mirrored = whole.rest[::-1] * [-1.0, 1.0]
-    if n % 2 == 0 or abs(whole.rest - mirrored).max() > 1e-12:
-        raise UserError("a half chain needs a fingertip that mirrors itself, with a node at x = 0")
-    apex = n // 2
-    weight = np.ones(n - apex)
-    weight[0] = 0.5  # the other half of the apex belongs to the other half of the chain
-    return whole._replace(
-        rest=whole.rest[apex:],
-        share=whole.share[apex:] * weight,
-        tissue=whole.tissue[apex:] * weight,
-        membrane=whole.membrane[apex:],
-        cross_tissue=whole.cross_tissue[apex:],
-        cross_membrane=whole.cross_membrane[apex:],
-        damping=whole.damping[apex:] * weight,
-        damping_rigid=whole.damping_rigid / 2,
-        half=True,
     )
 
 

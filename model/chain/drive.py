@@ -63,14 +63,6 @@ class Drive:
         """Whether the position of rigid part and object is given, rather than the force."""
         return self.normal_control == "position", self.lateral_control == "position"
 
-    def at(self, time: Array) -> Array:
-        """Values of `normal` and `lateral` at T times, after any jump there, shape (T, 2)."""
-        return self._evaluate(time)[0]
-
-    def rate(self, time: Array) -> Array:
-        """Time derivatives of both values at T times, after any jump there, shape (T, 2)."""
-        return self._evaluate(time)[1]
-
     @cached_property
     def _pieces(self) -> tuple[Array, Array]:
         """Values at the points (K, 2); derivatives before, between and after them (K + 1, 2)."""
@@ -81,11 +73,11 @@ class Drive:
         slopes[1:-1][rising] = np.diff(values, axis=0)[rising] / step[rising, None]
         return values, slopes
 
-    def _evaluate(self, time: Array) -> tuple[Array, Array]:
-        """Values and derivatives at T times, both (T, 2)."""
+    def at(self, time: Array) -> Array:
+        """Values of `normal` and `lateral` at T times, after any jump there, shape (T, 2)."""
         values, slopes = self._pieces
         # Sums of steps have rounding errors: a time just before a point counts as that point.
         piece = np.searchsorted(self.times, np.asarray(time) + 1e-12, side="right")
         start = np.maximum(piece - 1, 0)
         since = np.asarray(time) - self.times[start]
-        return values[start] + slopes[piece] * since[:, None], slopes[piece]
+        return np.asarray(values[start] + slopes[piece] * since[:, None])

@@ -36,7 +36,6 @@ class Fingertip:
     law: law of spring forces: `split` is the Fingertip Model (thesis Eq. 3 with E6),
         `inverse-poisson` its variant (Eq. 17), `axial` the Sensor Model (Eq. 14)
     stations: places of the nodes as shares of the arc length, from 0 to 1; None: evenly spaced
-    outline: dome as a polyline of (x, z) from the left to the right rim [m]; None: half circle
     """
 
     nodes: int = REFERENCE_NODES
@@ -49,7 +48,6 @@ class Fingertip:
     damping_rigid: float = 0.1
     law: SpringLaw = "split"
     stations: tuple[float, ...] | None = None
-    outline: tuple[tuple[float, float], ...] | None = None
 
     def __post_init__(self) -> None:
         if self.stations is None and (self.nodes < 11 or self.nodes % 2 == 0):
@@ -66,8 +64,6 @@ class Fingertip:
             raise UserError(f"fingertip law must be one of {allowed}, got {self.law!r}")
         if self.stations is not None:
             _check_stations(self.stations, self.nodes)
-        if self.outline is not None:
-            _check_outline(self.outline)
 
     @classmethod
     def of_radius(cls, radius: float, *, nodes: int, law: SpringLaw) -> Self:
@@ -115,10 +111,7 @@ class Fingertip:
 
     def arc_lengths(self) -> Array:
         """Place of each node along the dome, from the left rim [m], shape (N,)."""
-        if self.outline is None:
-            length = np.pi * self.radius
-        else:
-            length = float(np.linalg.norm(np.diff(self.outline, axis=0), axis=1).sum())
+        length = np.pi * self.radius
         if self.stations is None:
             return np.linspace(0.0, length, self.nodes)
         return length * np.array(self.stations)
@@ -140,17 +133,10 @@ class Fingertip:
 
     def rest_positions(self) -> Array:
         """Node positions (x, z) without load [m], shape (N, 2)."""
-        if self.outline is None:
-            angle = self.angles()
-            rest = self.radius * np.column_stack([np.sin(angle), np.cos(angle)])
-            rest[abs(rest) < 1e-12 * self.radius] = 0.0
-            return rest
-        points = np.array(self.outline)
-        corners = np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
-        )
-        s = self.arc_lengths()
-        return np.column_stack([np.interp(s, corners, points[:, k]) for k in (0, 1)])
+        angle = self.angles()
+        rest = self.radius * np.column_stack([np.sin(angle), np.cos(angle)])
+        rest[abs(rest) < 1e-12 * self.radius] = 0.0
+        return rest
 
     def poisson_signs(self) -> Array:
         """Sign of the Poisson cross term (E6): −1 left, 0 centre, +1 right, shape (N,)."""
@@ -166,16 +152,6 @@ def _check_stations(stations: tuple[float, ...], nodes: int) -> None:
         )
     if not (stations[0] == 0.0 and stations[-1] == 1.0 and (np.diff(stations) > 0.0).all()):
         raise UserError("fingertip stations must increase from 0 to 1")
-
-
-def _check_outline(outline: tuple[tuple[float, float], ...]) -> None:
-    points = np.array(outline, dtype=float)
-    if points.ndim != 2 or points.shape[0] < 3 or points.shape[1] != 2:
-        raise UserError(
-            f"fingertip outline must be at least 3 points (x, z), got shape {points.shape}"
-        )
-    if not np.isfinite(points).all() or not np.linalg.norm(np.diff(points, axis=0), axis=1).all():
-        raise UserError("fingertip outline must be finite points, each different from the last")
 
 
 def _graded_stations(nodes: int, core: float, length: float) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""Fingertip and object in contact, stepped in time by the implicit integrators (thesis Eq. 2).
+"""Fingertip and object in contact, stepped in time by an implicit integrator (thesis Eq. 2).
 
 The massless object moves along x under the load, contact forces and a drag to ground. The grip
 force drives the rigid part along z; it is fixed in x (E9).
@@ -20,14 +20,12 @@ from ..objects import ContactObject
 from .assembly import Chain, chain, contact
 from .drive import Drive
 from .fingertip import Fingertip
-from .state import State, state_of
+from .state import State, rest_state, state_of
 
 Array = NDArray[np.float64]
 
 #: The default: BDF2, everything at the end of the step, Newton through the springs' turning.
 IMPLICIT = Rule(tolerance=1e-9, max_iterations=30, turning=1.0, second_order=True, lagged=False)
-#: One linear solve a step, everything linearised at its start, first order.
-LAGGED = Rule(tolerance=0.0, max_iterations=1, turning=0.0, second_order=False, lagged=True)
 NO_RECORD = record(0, 0)
 
 
@@ -140,6 +138,51 @@ class History:
         )
 
 
+def simulate(
+    fingertip: Fingertip,
+    obj: ContactObject,
+    drive: Drive,
+    *,
+    dt: float,
+    duration: float,
+    state: State | None = None,
+    every: int = 1,
+) -> History:
+    """Simulate the node model under a drive.
+
+    Parameters
+    ----------
+    fingertip, obj: chain and object
+    drive: grip and load over time
+    dt: step [s]
+    duration: length of the run, a whole number of steps [s]
+    state: state at the start (default: the undeformed fingertip at time 0)
+    every: number of steps between records (default 1)
+
+    Raises
+    ------
+    UserError
+        For a step that cannot be used, and a state of another chain.
+    ModelError
+        When the run fails.
+    """
+    if not (np.isfinite([dt, duration]).all() and dt > 0.0 and duration > 0.0):
+        raise UserError(f"dt and duration must be finite and above 0 s, got {dt=}, {duration=}")
+    steps = round(duration / dt)
+    if abs(steps * dt - duration) > 1e-6 * dt or every < 1 or steps % every:
+        raise UserError(
+            f"the duration must be a whole number of recorded steps, got {duration=}, {dt=}, "
+            f"{every=}"
+        )
+    start = rest_state(fingertip) if state is None else state
+    if len(start.friction) != fingertip.nodes:
+        raise UserError(
+            f"the state has {len(start.friction)} nodes and the fingertip {fingertip.nodes}"
+        )
+    ch, ct = chain(fingertip), contact(fingertip, obj)
+    return march(ch, ct, start, drive, dt, steps, every, IMPLICIT)
+
+
 def march(
     ch: Chain,
     ct: Contact,
@@ -153,31 +196,6 @@ def march(
     """Step by an implicit rule; record the start and every `every`th step."""
     goals = drive.at(state.time + dt * np.arange(1.0, steps + 1.0))
     return _march(ch, ct, state, goals, drive.held, lambda _: drive, dt, every, rule)
-
-
-@dataclass(frozen=True)
-class Implicit:
-    """Integrator that steps by an implicit rule."""
-
-    rule: Rule = IMPLICIT
-
-    def march(
-        self,
-        ch: Chain,
-        ct: Contact,
-        state: State,
-        drive: Drive,
-        dt: float,
-        steps: int,
-        every: int,
-    ) -> History:
-        """Run a number of steps; see `Integrator`."""
-        return march(ch, ct, state, drive, dt, steps, every, self.rule)
-
-
-def lagged() -> Implicit:
-    """Make the semi-implicit integrator of first order."""
-    return Implicit(LAGGED)
 
 
 def _march(
@@ -277,18 +295,4 @@ def _broken(ended: int, time: float, goal: Array, dt: float) -> ModelError:
     return ConvergenceError(
         f"no equilibrium found at t = {time:.6g} s with dt = {dt:.3g} s, normal {goal[0]:.4g}, "
         f"lateral {goal[1]:.4g}"
-    )
-
-
-def history(states: list[State]) -> History:
-    """Stack states into one History."""
-    poses = [(s.deformation.rigid_part, s.deformation.object_position) for s in states]
-    return History(
-        time=np.array([s.time for s in states]),
-        nodes=np.array([s.deformation.nodes for s in states]),
-        pose=np.array(poses),
-        friction=np.array([s.friction for s in states]),
-        slip_rate=np.array([s.slip_rate for s in states]),
-        rate=np.array([s.rate for s in states]),
-        step=np.array([s.step for s in states]),
     )

@@ -1,15 +1,10 @@
 """State of the node model: the deformation, and everything else that a step starts from."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import UserError
-from ...folders import write_arrays
-from ...strange_files import array_names, read_arrays
 from .fingertip import Fingertip
 
 Array = NDArray[np.float64]
@@ -98,47 +93,3 @@ def rest_state(fingertip: Fingertip) -> State:
         rate=np.zeros((n + 1, 2)),
         step=0.0,
     )
-
-
-def save_state(state: State, path: str | Path) -> None:
-    """Write a state to an .npz file, from which a run continues exactly."""
-    arrays: dict[str, Any] = {
-        "format": np.array("chromagrip state 1"),
-        "time": np.array(state.time),
-        "nodes": state.deformation.nodes,
-        "rigid_part": state.deformation.rigid_part,
-        "object_position": state.deformation.object_position,
-        "friction": state.friction,
-        "slip_rate": state.slip_rate,
-        "rate": state.rate,
-        "step": np.array(state.step),
-    }
-    write_arrays(Path(path), arrays)
-
-
-def load_state(path: str | Path) -> State:
-    """Read a state from a file of `save_state`.
-
-    Raises
-    ------
-    UserError
-        When the file is not such a file.
-    """
-    try:
-        values = read_arrays(Path(path), array_names(Path(path)))
-        if str(values["format"]) != "chromagrip state 1":
-            raise UserError("of another format")
-        return State(
-            time=float(values["time"]),
-            deformation=Deformation(
-                nodes=values["nodes"],
-                rigid_part=float(values["rigid_part"]),
-                object_position=float(values["object_position"]),
-            ),
-            friction=values["friction"],
-            slip_rate=values["slip_rate"],
-            rate=values["rate"],
-            step=float(values["step"]),
-        )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise UserError(f"{path} is not a state saved by chromagrip: {error}") from None

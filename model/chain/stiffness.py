@@ -23,7 +23,7 @@ def _tangent(fingertip: Fingertip, seen: Array, blunt: float) -> tuple[Array, Ar
     n = fingertip.nodes
     forces = np.empty((n, 2))
     lower, diagonal, upper = (np.zeros((n - 2, 2, 2)) for _ in range(3))
-    chain_tangent(chain(fingertip), seen, 1.0, blunt, forces, lower, diagonal, upper)
+    chain_tangent(chain(fingertip), seen, blunt, forces, lower, diagonal, upper)
     return forces, lower, diagonal, upper
 
 

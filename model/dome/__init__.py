@@ -13,15 +13,7 @@ from .inside import MarkerField, SkinField, inside_table
 from .motion import AXES, Motion, Way, press_and_move
 from .placing import rise_beside, rotation_of, touching_place
 from .posed import PosedContact, PosedContacts, together
-from .simulate import (
-    DomeRun,
-    contact_steps,
-    dome_forces,
-    limit_margin,
-    load_dome_state,
-    save_dome_state,
-    simulate_contact,
-)
+from .simulate import DomeRun, contact_steps, dome_forces, limit_margin, simulate_contact
 from .slip import DomeSlip, follow_dome_slip, no_dome_slip
 from .solid import Solid, per_area, solid_stiffness
 from .state import DomeState, StepCount, resting
@@ -52,7 +44,6 @@ __all__ = [
     "inside_table",
     "lattice",
     "limit_margin",
-    "load_dome_state",
     "make_table",
     "no_dome_slip",
     "per_area",
@@ -62,7 +53,6 @@ __all__ = [
     "rotation_of",
     "rotation_of_quaternion",
     "rotation_vector",
-    "save_dome_state",
     "simulate_contact",
     "solid_stiffness",
     "together",

@@ -1,17 +1,12 @@
-"""Simulation of a dome and an object over a whole motion, and files of its states."""
+"""Simulation of a dome and an object over a whole motion."""
 
-import os
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...folders import write_arrays
-from ...strange_files import read_arrays
 from ..checks import finite
 from ..force_field import ForceField
 from ..limit_surface import margin_within
@@ -202,23 +197,3 @@ def _times(motion: Motion, dt: float, start: float) -> Array:
     if not len(times):
         raise UserError(f"the motion ends at {motion.duration:g} s, and the run is at {start:g} s")
     return times
-
-
-def save_dome_state(path: str | os.PathLike[str], state: DomeState) -> None:
-    """Write a state to an .npz file atomically."""
-    write_arrays(Path(path), {f.name: np.asarray(getattr(state, f.name)) for f in fields(state)})
-
-
-def load_dome_state(path: str | os.PathLike[str]) -> DomeState:
-    """Read a state from a file of `save_dome_state`.
-
-    Raises
-    ------
-    UserError: for any other file.
-    """
-    names = [f.name for f in fields(DomeState)]
-    try:
-        arrays: dict[str, Any] = read_arrays(Path(path), names)
-        return DomeState(**{**arrays, "time": float(arrays["time"])})
-    except (ValueError, TypeError) as error:
-        raise UserError(f"{os.fspath(path)} is no state of a dome: {error}") from None

@@ -91,7 +91,12 @@ def resting(dome: SoftBody, solid: Solid, motion: Motion) -> DomeState:
             f"the object {solid.shape.name} is {-1e3 * gap.min():.3g} mm inside the skin at the "
             "start; the first pose must not be below the one that just touches, which is all zeros"
         )
-    count = len(gap)
+    return untouched(dome, place, rotation)
+
+
+def untouched(dome: SoftBody, place: Array, rotation: Array) -> DomeState:
+    """State of an undeformed skin with the object at a pose (3,) [m] and (3, 3)."""
+    count = len(lattice(dome).ring)
 
     def zeros() -> Array:
         return np.zeros((count, 3))

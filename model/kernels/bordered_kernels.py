@@ -34,7 +34,6 @@ class Scratch(NamedTuple):
     gap: Array  # (N,) at the start of the step
     gap_after: Array  # (N,) at its end
     mu: Array  # (N,) of the object under each node
-    iterations: Array  # (1,) on contact and friction, of all steps so far
 
 
 def scratch(nodes: int) -> Scratch:
@@ -42,7 +41,7 @@ def scratch(nodes: int) -> Scratch:
     n = nodes
     blocks = ((n, 4), (n - 1, 4), (n - 1, 4))
     shapes = (*blocks, (n, 2), (n, 2), (n, 2), (2,), (n, 4), (n, 6), (2,), (n, 2))
-    return Scratch(*(np.zeros(shape) for shape in (*shapes, (n,), (n,), (n,), (n,), (n,), (1,))))
+    return Scratch(*(np.zeros(shape) for shape in (*shapes, (n,), (n,), (n,), (n,), (n,))))
 
 
 @njit()
@@ -54,7 +53,6 @@ def linearise(
     The rate at the end of the step is pace·δ − carry·(rate before).
     """
     n = ch.rest.shape[0]
-    first = 0 if ch.half else 1
     rest, delta, law = ch.rest, w.delta, ch.law
     diagonal, rhs, column, row = w.diagonal, w.rhs, w.column, w.row
     rigid, d_rigid = pose[0] + w.border[0], w.border[0]
@@ -62,7 +60,7 @@ def linearise(
     # The membrane spring before the node: a force that is constant in δ, and its stiffness.
     p_x = p_z = p_xx = p_xz = p_zx = p_zz = 0.0
     for i in range(n - 1):
-        here_x, here_z = delta[i, 0], (delta[i, 1] if i >= first else d_rigid)
+        here_x, here_z = delta[i, 0], (delta[i, 1] if i >= 1 else d_rigid)
         next_x, next_z = delta[i + 1, 0], (delta[i + 1, 1] if i < n - 2 else d_rigid)
         e_x, e_z = next_x - here_x, next_z - here_z
         dx, dz = u[i + 1, 0] - u[i, 0] + e_x, u[i + 1, 1] - u[i, 1] + e_z
@@ -73,7 +71,7 @@ def linearise(
         m_x, m_z = f_x - xx * e_x - xz * e_z, f_z - zx * e_x - zz * e_z
         w.into[i, 0], w.into[i, 1], w.into[i, 2], w.into[i, 3] = -xx, -xz, -zx, -zz
         w.out_of[i, 0], w.out_of[i, 1], w.out_of[i, 2], w.out_of[i, 3] = -xx, -xz, -zx, -zz
-        if i < first:  # the outer nodes move with the rigid part
+        if i < 1:  # the outer nodes move with the rigid part
             total += m_z
             stiff += zz
         else:
@@ -90,7 +88,7 @@ def linearise(
             diagonal[i, 2], diagonal[i, 3] = t_zx + p_zx + zx, t_zz + p_zz + zz + damp
             rhs[i, 0], rhs[i, 1] = m_x - p_x - g_x + c_x, m_z - p_z - g_z + c_z
             held_xz = held_zz = held_zx = 0.0
-            if i == first and first == 1:
+            if i == 1:
                 held_xz, held_zz, held_zx = p_xz, p_zz, p_zx
             if i == n - 2:
                 held_xz, held_zz, held_zx = held_xz + xz, held_zz + zz, held_zx + zx
@@ -102,10 +100,6 @@ def linearise(
             stiff += t_zz
         p_x, p_z, p_xx, p_xz, p_zx, p_zz = m_x, m_z, xx, xz, zx, zz
     w.corner[0], w.corner[1] = total, stiff
-    if ch.half:  # the apex stays on the mirror plane x = 0
-        diagonal[0, 0], diagonal[0, 1], diagonal[0, 2] = 1.0, 0.0, 0.0
-        rhs[0, 0] = column[0, 0] = row[0, 0] = 0.0
-        w.into[0, 0] = w.into[0, 2] = w.out_of[0, 0] = w.out_of[0, 1] = 0.0
 
 
 @njit()

@@ -15,7 +15,6 @@ Array = NDArray[np.float64]
 def chain_tangent(
     ch: Any,
     u: Array,
-    turning: float,
     blunt: float,
     forces: Array,
     lower: Array,
@@ -24,8 +23,8 @@ def chain_tangent(
 ) -> None:
     """Nodal forces K(u)·u (N, 2) and the blocks of their derivative at the N − 2 inner nodes.
 
-    Displacements are relative to the rigid part. Blocks as in `solve_block_tridiagonal`; `turning`
-    and `blunt` as in `spring`.
+    Displacements are relative to the rigid part. Blocks as in `solve_block_tridiagonal`; `blunt` as
+    in `spring`.
     """
     n = ch.rest.shape[0]
     forces[:] = 0.0
@@ -33,7 +32,7 @@ def chain_tangent(
     for i in range(1, n - 1):
         f_x, f_z, xx, xz, zx, zz = spring(
             ch.law, ch.rest[i, 0] + u[i, 0], ch.rest[i, 1] + u[i, 1], u[i, 0], u[i, 1],
-            ch.tissue[i], ch.cross_tissue[i], turning, blunt,
+            ch.tissue[i], ch.cross_tissue[i], 1.0, blunt,
         )  # fmt: skip
         forces[i, 0] += f_x
         forces[i, 1] += f_z
@@ -42,7 +41,7 @@ def chain_tangent(
         dx, dz = u[i + 1, 0] - u[i, 0], u[i + 1, 1] - u[i, 1]
         f_x, f_z, xx, xz, zx, zz = spring(
             ch.law, ch.rest[i + 1, 0] - ch.rest[i, 0] + dx, ch.rest[i + 1, 1] - ch.rest[i, 1] + dz,
-            dx, dz, ch.membrane[i], ch.cross_membrane[i], turning, blunt,
+            dx, dz, ch.membrane[i], ch.cross_membrane[i], 1.0, blunt,
         )  # fmt: skip
         forces[i, 0] -= f_x
         forces[i, 1] -= f_z

@@ -87,7 +87,7 @@ def _iterate(
     rest, share, delta = ch.rest, ch.share, w.delta
     diagonal, rhs, column, row = w.diagonal, w.rhs, w.column, w.row
     inverse, solved, into, out_of = w.inverse, w.solved, w.into, w.out_of
-    now, moved, gap_before, half = w.force, w.slip, w.gap, ch.half
+    now, moved, gap_before = w.force, w.slip, w.gap
     stiffness, mu, bristle, exponent = ct.stiffness, w.mu, ct.bristle, ct.exponent
     travel = ct.travel
     knots, pieces, curvature, lift = ct.knots, ct.pieces, ct.curvature, ct.lift
@@ -123,9 +123,6 @@ def _iterate(
         o0, o1 = -c_xx - po0, -c_xz - po1
         r0, r1 = row[i, 0] - pr0, row[i, 1] - pr1
         q0, q1 = -c_xx - pq0, -c_xz - pq1
-        if half and i == 0:
-            d0, d1, d2 = 1.0, 0.0, 0.0
-            b0 = c0 = o0 = r0 = q0 = 0.0
         scale = 1.0 / (d0 * d3 - d1 * d2)
         v0, v1, v2, v3 = d3 * scale, -d1 * scale, -d2 * scale, d0 * scale
         inverse[i, 0], inverse[i, 1], inverse[i, 2], inverse[i, 3] = v0, v1, v2, v3
@@ -186,12 +183,11 @@ def _scan(
 ) -> tuple[int, int, int, int, float]:
     """Windows (first, last node) of what touches beyond a…b, and of what soon may; smallest gap."""
     n = ch.rest.shape[0]
-    first = 0 if ch.half else 1
     left, right, low, high = a, b, n, -1
     smallest = np.inf
     knots, pieces, curvature, lift = ct.knots, ct.pieces, ct.curvature, ct.lift
     surface = ct.travel * (object_x + w.border[1])
-    for i in range(first, n - 1):
+    for i in range(1, n - 1):
         # Summed as the next step will: a run that is cut here goes on bit for bit.
         x = ch.rest[i, 0] + (u[i, 0] + w.delta[i, 0])
         z = ch.rest[i, 1] + (u[i, 1] + w.delta[i, 1])
@@ -203,7 +199,7 @@ def _scan(
             if gap < 0.0:
                 left, right = min(left, i), max(right, i)
     if high < 0:
-        low = high = (n + first) // 2 - 1
+        low = high = (n + 1) // 2 - 1
     return left, right, low, high, smallest
 
 
@@ -214,7 +210,7 @@ def _step(
 ) -> tuple[int, int, int]:  # fmt: skip
     """One step: how it ended (unless SOLVED, the state is untouched), and the next one's window."""
     n = ch.rest.shape[0]
-    first, last = (0 if ch.half else 1), n - 2
+    first, last = 1, n - 2
     a, b = window
     # Variable-step BDF2 from the rates of the step before; backward Euler where there was none.
     ratio = min(dt / before, 1.0) if rule.second_order and before > 0.0 else 0.0
@@ -224,8 +220,7 @@ def _step(
     for i in range(first, n - 1):
         w.delta[i, 0], w.delta[i, 1] = guess * rate[i, 0], guess * rate[i, 1]
     w.delta[n - 1, :] = 0.0
-    if first == 1:
-        w.delta[0, :] = 0.0
+    w.delta[0, :] = 0.0
     w.border[0], w.border[1] = guess * rate[n, 0], guess * rate[n, 1]
     drag, drag_before = ct.drag * pace, ct.drag * carry * rate[n, 1]
     farthest = LEAP * abs(ch.rest[n - 1, 0])
@@ -233,7 +228,6 @@ def _step(
     fresh, ended = True, UNSOLVED
     gap = 0.0
     for k in range(rule.max_iterations):
-        w.iterations[0] += 1
         if fresh:
             turning = rule.turning if k < HOPPING else 0.5 * rule.turning
             linearise(ch, w, u, pose, rate, pace, carry, turning)
@@ -273,8 +267,7 @@ def _step(
         return PIERCED, a, b
     if gap >= 0.0 and not held[1] and target[1] != 0.0:
         return LOST, a, b
-    if not ch.half:
-        w.delta[0, 1] = w.border[0]
+    w.delta[0, 1] = w.border[0]
     w.delta[n - 1, 1] = w.border[0]
     for i in range(n):
         for k in range(2):
@@ -357,8 +350,7 @@ def advance(
     w.mu[:] = ct.mu
     _, _, low, high, _ = _scan(ch, ct, w, u, pose[1], 0, 0)
     w.gap[:] = w.gap_after
-    first, last = (0 if ch.half else 1), ch.rest.shape[0] - 2
-    window = (max(low - 1, first), min(high + 1, last))
+    window = (max(low - 1, 1), min(high + 1, ch.rest.shape[0] - 2))
     for k in range(done, drive.shape[0]):
         goal_rigid = drive[k, 0] - pose[0] if held[0] else drive[k, 0]
         goal_object = drive[k, 1] - pose[1] if held[1] else drive[k, 1]

@@ -5,12 +5,12 @@ and the closing distance of the drive: a system of two compliance blocks with a 
 body's inertia is computed in the world's frame, see `body`.
 """
 
-from .body import Filling, Moving, RigidBody, box_body, kinetic_energy, rotation_by
+from .body import Filling, Moving, RigidBody, box_body, rotation_by
 from .hand import HandPath, Shake
 from .outcome import Limits, Outcome, PinchRecord, follow_pinch, mean_pressure
 from .pinch import FACING, Pinch, bases
 from .simulate import PinchRun, simulate_pinch
-from .state import PinchState, load_pinch_state, pinch_rest, save_pinch_state
+from .state import PinchState, pinch_rest
 from .stepper import PinchStepper
 
 __all__ = [
@@ -30,11 +30,8 @@ __all__ = [
     "bases",
     "box_body",
     "follow_pinch",
-    "kinetic_energy",
-    "load_pinch_state",
     "mean_pressure",
     "pinch_rest",
     "rotation_by",
-    "save_pinch_state",
     "simulate_pinch",
 ]

@@ -200,13 +200,6 @@ def carried(
     )
 
 
-def kinetic_energy(body: RigidBody, moving: Moving) -> float:
-    """Kinetic energy of a body [J]."""
-    own = moving.rotation.T @ moving.spin
-    turning = float((own**2 / np.array(body.inertia)).sum())
-    return 0.5 * (float(moving.momentum @ moving.momentum) / body.mass + turning)
-
-
 def _rate(s: Scheme, now: Array, last: Array, before: Array) -> Array:
     """Time derivative at the end of a step, from values at its ends and one step before."""
     return (s.now * now - s.last * last + s.before * before) / s.step

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..checks import finite
 from ..dome.state import StepCount
-from .body import Moving, kinetic_energy
+from .body import Moving
 from .pinch import Pinch
 from .state import PinchState, pinch_rest
 from .stepper import PinchStepper
@@ -24,11 +24,9 @@ class PinchRun:
     ----------
     times: time at the end of each step [s], shape (K,)
     places, rotations: poses of the object in the hand, shapes (K, 3) [m] and (K, 3, 3)
-    closings: distance by which each fingertip has closed [m], shape (K,)
     forces: forces of the object on both fingertips, in the hand's axes [N], shape (K, 2, 3)
     supports: force of the table [N], shape (K,)
     moving: state of motion of the object in the world
-    energies: kinetic and potential energy of the object [J], shape (K, 2)
     counts: counts of each step
     end: last state
     """
@@ -36,11 +34,9 @@ class PinchRun:
     times: Array
     places: Array
     rotations: Array
-    closings: Array
     forces: Array
     supports: Array
     moving: tuple[Moving, ...]
-    energies: Array
     counts: tuple[StepCount, ...]
     end: PinchState
 
@@ -82,17 +78,11 @@ def simulate_pinch(
         counts.append(stepper.advance(float(time), grip(float(time))))
         place, rotation = stepper.pose()
         moving.append(stepper.moving)
-        height = -float(np.dot(pinch.gravity, stepper.moving.place))
-        body = pinch.body_at(stepper.time)
-        energy = (kinetic_energy(body, stepper.moving), body.mass * height)
-        rows.append(
-            (place, rotation, stepper.closing, both_forces(stepper), stepper.support, energy)
-        )
+        rows.append((place, rotation, both_forces(stepper), stepper.support))
     parts = [np.array(part) for part in zip(*rows, strict=True)]
     return PinchRun(
-        times=times, places=parts[0], rotations=parts[1], closings=parts[2], forces=parts[3],
-        supports=parts[4], moving=tuple(moving), energies=parts[5], counts=tuple(counts),
-        end=stepper.state(),
+        times=times, places=parts[0], rotations=parts[1], forces=parts[2], supports=parts[3],
+        moving=tuple(moving), counts=tuple(counts), end=stepper.state(),
     )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """Methods by name: ours, installed plug-ins, any other `module:Class`, and objects from Python.
 
-Each kind of method (tracker, reconstructor, controller, renderer, integrator, gripper, source) has
+Each kind of method (tracker, reconstructor, controller, renderer, gripper, source) has
 one `Registry`.
 """
 

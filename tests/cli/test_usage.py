@@ -26,7 +26,6 @@ LISTS = [
     "renderers",
     "trackers",
     "reconstructors",
-    "integrators",
     "recipes",
     "readouts",
 ]

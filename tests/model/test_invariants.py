@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.model.integrators import stiffness_matrix
 from chromagrip.model import (
     ContactObject,
     Drive,
@@ -15,7 +16,6 @@ from chromagrip.model import (
     simulate,
 )
 from chromagrip.model.chain.assembly import chain
-from chromagrip.model.chain.dense import stiffness_matrix
 
 TIP = Fingertip(nodes=51)
 objects = st.builds(

@@ -105,23 +105,12 @@ def test_a_hollow_too_narrow_for_the_fingertip_is_named() -> None:
         ({"law": "rubber"}, "law must be one of split, inverse-poisson, axial, got 'rubber'"),
         ({"nodes": 12, "stations": tuple(np.linspace(0, 1, 11))}, "as many as nodes"),
         ({"nodes": 11, "stations": (0.0, *np.linspace(0.5, 1, 10)[::-1])}, "increase from 0 to 1"),
-        ({"outline": ((0.0, 0.0), (1.0, 1.0))}, "at least 3 points"),
         ({"radius": 0.0}, "fingertip radius must be finite and above 0 m, got 0.0"),
     ],
 )
 def test_bad_domes_are_named(changes: dict[str, object], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Fingertip(**changes)  # type: ignore[arg-type]
-
-
-def test_a_dome_drawn_as_a_polyline_is_the_half_circle() -> None:
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 2001)
-    outline = tuple(zip(8e-3 * np.sin(angle), 8e-3 * np.cos(angle), strict=True))
-    drawn = Fingertip(nodes=101, law="axial", outline=outline)
-    exact = Fingertip(nodes=101, law="axial")
-    obj = ContactObject()
-    a, b = (equilibrium(tip, obj, 0.5).deformation.nodes for tip in (exact, drawn))
-    assert b == pytest.approx(a, abs=2e-6)
 
 
 def test_an_axial_spring_pressed_at_the_apex_is_hookes_law() -> None:

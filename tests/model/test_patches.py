@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.model.integrators import integrate
 from chromagrip.model import (
     ContactObject,
     Drive,
@@ -16,10 +17,8 @@ from chromagrip.model import (
     rest_state,
     simulate,
     step,
-    step_many,
     whole_friction,
 )
-from chromagrip.model.chain.ensemble import rest_ensemble
 
 TIP = Fingertip(nodes=101)
 STRIPES = tuple((1e-3 * x, 1.4 if x % 2 else 0.6) for x in range(-6, 7))
@@ -30,9 +29,9 @@ def press_and_pull(grip: float, load: float) -> Drive:
     return Drive(times=[0.0, 0.2, 0.4], normal=[0.0, grip, grip], lateral=[0.0, 0.0, load])
 
 
-def pulled(obj: ContactObject, grip: float, load: float, method: str = "implicit") -> History:
+def pulled(obj: ContactObject, grip: float, load: float) -> History:
     drive = press_and_pull(grip, load)
-    return simulate(TIP, obj, drive, dt=2e-3, duration=1.0, every=50, method=method)
+    return simulate(TIP, obj, drive, dt=2e-3, duration=1.0, every=50)
 
 
 def last(obj: ContactObject, run: History) -> tuple[np.ndarray, ForceField]:
@@ -40,11 +39,10 @@ def last(obj: ContactObject, run: History) -> tuple[np.ndarray, ForceField]:
     return node_friction(TIP, obj, state), contact_forces(TIP, obj, state)
 
 
-@pytest.mark.parametrize("method", ["implicit", "lagged"])
 @pytest.mark.parametrize("curvature", [0.0, 50.0])
-def test_each_node_keeps_its_own_cone(curvature: float, method: str) -> None:
+def test_each_node_keeps_its_own_cone(curvature: float) -> None:
     obj = replace(STRIPED, curvature=curvature)
-    run = pulled(obj, 2.0, 0.6, method)
+    run = pulled(obj, 2.0, 0.6)
     for k in range(len(run)):
         state = run.state(k)
         field = contact_forces(TIP, obj, state)
@@ -81,11 +79,10 @@ def test_the_whole_friction_of_nothing() -> None:
     assert whole_friction(TIP, ContactObject(friction=0.4), state, field) == 0.4
 
 
-@pytest.mark.parametrize("method", ["implicit", "lagged"])
-def test_patches_that_are_all_one_change_no_bit(method: str) -> None:
+def test_patches_that_are_all_one_change_no_bit() -> None:
     even = replace(STRIPED, patches=((-1e-3, 1.0), (2e-3, 1.0)))
-    plain = pulled(replace(STRIPED, patches=()), 2.0, 0.6, method)
-    same = pulled(even, 2.0, 0.6, method)
+    plain = pulled(replace(STRIPED, patches=()), 2.0, 0.6)
+    same = pulled(even, 2.0, 0.6)
     np.testing.assert_array_equal(same.nodes, plain.nodes)
     np.testing.assert_array_equal(same.friction, plain.friction)
 
@@ -126,7 +123,7 @@ def test_the_dense_baseline_agrees() -> None:
     rise = np.sin(0.5 * np.pi * t / 4e-3) ** 2
     drive = Drive(times=t, normal=rise, lateral=0.3 * rise)
     found, fine = (
-        simulate(tip, obj, drive, dt=dt, duration=4e-3, every=round(4e-3 / dt), method=method)
+        integrate(method, tip, obj, drive, dt=dt, duration=4e-3, every=round(4e-3 / dt))
         for method, dt in (("bdf", 1e-3), ("implicit", 1e-6))
     )
     plain = simulate(
@@ -172,17 +169,3 @@ def test_a_sudden_loss_of_friction_slips_at_the_speed_of_the_drag() -> None:
 def test_bad_patches_are_named(patches: tuple[tuple[float, ...], ...], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         ContactObject(patches=patches)  # type: ignore[arg-type]
-
-
-def test_what_cannot_take_patches_says_so() -> None:
-    with pytest.raises(ValueError, match="not patches"):
-        step_many(TIP, [STRIPED], rest_ensemble(TIP, 1), 1e-3, np.ones(1), np.zeros(1))
-    press = Drive(times=[0.0, 0.1], normal=[0.0, 1.0], lateral=[0.0, 0.0])
-    lopsided = replace(STRIPED, patches=((0.0, 1.0), (1e-3, 2.0)))
-    with pytest.raises(ValueError, match="patches of friction that mirror themselves"):
-        simulate(TIP, lopsided, press, dt=1e-3, duration=0.1, half=True)
-    whole, half = (
-        simulate(TIP, STRIPED, press, dt=1e-3, duration=0.1, every=100, half=half)
-        for half in (False, True)
-    )
-    assert half.nodes[-1] == pytest.approx(whole.nodes[-1], abs=1e-9)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.model.integrators import integrate
 from chromagrip.errors import UserError
 from chromagrip.model import (
     ContactObject,
@@ -15,11 +16,8 @@ from chromagrip.model import (
     contact_forces,
     equilibrium,
     node_friction,
-    rest_ensemble,
-    rest_state,
     simulate,
     step,
-    step_many,
     touching,
 )
 
@@ -113,7 +111,7 @@ def test_other_methods_slide_a_surface_that_stays_alike(method: str) -> None:
 
     def final(obj: ContactObject, dt: float, how: str) -> History:
         every = round(4e-3 / dt)
-        return simulate(tip, obj, drive, dt=dt, duration=4e-3, every=every, method=how)
+        return integrate(how, tip, obj, drive, dt=dt, duration=4e-3, every=every)
 
     fine = final(obj, 1e-6, "implicit")
     found = final(obj, 2e-6, method)
@@ -123,21 +121,6 @@ def test_other_methods_slide_a_surface_that_stays_alike(method: str) -> None:
     assert abs(found.nodes[-1] - fine.nodes[-1]).max() < 2e-3 * scale
     assert found.pose[-1, 1] == pytest.approx(fine.pose[-1, 1], rel=2e-3)
     assert abs(other.nodes[-1] - fine.nodes[-1]).max() > 1e-2 * scale
-
-
-def test_an_ensemble_mixes_surfaces() -> None:
-    objects = [replace(BALL, surface=surface) for surface in SURFACES]
-    grip, load = np.linspace(0.1, 1.0, 30), np.linspace(0.0, 1.0, 30)
-    both = step_many(
-        TIP, objects, rest_ensemble(TIP, 2), 1e-3, np.tile(grip, (2, 1)), np.tile(load, (2, 1))
-    )
-    for b, obj in enumerate(objects):
-        state = rest_state(TIP)
-        for k in range(30):
-            state = step(TIP, obj, state, 1e-3, grip[k], load[k])
-        np.testing.assert_array_equal(both.nodes[b], state.deformation.nodes)
-        assert both.pose[b, 1] == state.deformation.object_position
-    assert abs(np.diff(both.nodes, axis=0)).max() > 0.0
 
 
 def test_touching_nodes_are_those_that_carry() -> None:

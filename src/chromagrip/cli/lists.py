@@ -97,16 +97,6 @@ def sources(*, json_only: Json = False) -> int:
     return print_list(SHIPPED | SOURCES.descriptions(), json_only)
 
 
-def integrators(*, json_only: Json = False) -> int:
-    """List the integrators of the node model, including those of installed packages.
-
-    Example: chromagrip list integrators
-    """
-    from ..model import INTEGRATORS
-
-    return print_list(INTEGRATORS.descriptions(), json_only)
-
-
 def grippers(*, json_only: Json = False) -> int:
     """List the grippers of `grasp --source`, including those of installed packages.
 
@@ -139,7 +129,6 @@ LISTS: dict[str, Callable[..., int]] = {
     "trackers": trackers,
     "reconstructors": reconstructors,
     "renderers": renderers,
-    "integrators": integrators,
     "grippers": grippers,
     "sources": sources,
     "recipes": recipes,

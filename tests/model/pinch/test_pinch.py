@@ -24,9 +24,7 @@ from chromagrip.model.pinch import (
     Shake,
     box_body,
     follow_pinch,
-    load_pinch_state,
     pinch_rest,
-    save_pinch_state,
     simulate_pinch,
 )
 from chromagrip.model.shapes import ball, box, plane
@@ -287,16 +285,12 @@ def test_shaking_asks_for_the_force_of_the_acceleration() -> None:
     assert largest == pytest.approx(MASS * 1e-3 * (2.0 * math.pi * 5.0) ** 2, rel=0.05)
 
 
-def test_a_run_that_is_restored_in_the_middle_has_the_same_bytes(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_run_goes_on_from_a_state_bit_for_bit() -> None:
     whole = simulate_pinch(pinch(OTHER), 0.3, ramp(2.0), DT)
     half = simulate_pinch(pinch(OTHER), 0.15, ramp(2.0), DT)
-    save_pinch_state(tmp_path / "half.npz", half.end)
-    rest = simulate_pinch(pinch(OTHER), 0.3, ramp(2.0), DT, load_pinch_state(tmp_path / "half.npz"))
+    rest = simulate_pinch(pinch(OTHER), 0.3, ramp(2.0), DT, half.end)
     assert rest.end.moving.place.tobytes() == whole.end.moving.place.tobytes()
     assert rest.end.second.linear.tobytes() == whole.end.second.linear.tobytes()
-    (tmp_path / "none.npz").write_bytes(b"")
-    with pytest.raises(UserError, match="no state of a pinch"):
-        load_pinch_state(tmp_path / "none.npz")
 
 
 def _record(run: PinchRun, its: Pinch) -> PinchRecord:

@@ -1,27 +1,34 @@
-"""The thesis's method as a baseline: a dense stiffness matrix, assembled at every evaluation.
+"""Other integrators of the chain, with which its own is compared and checked.
 
-It uses plain NumPy and explicit integrators (thesis section 3 and Fig. 6), with the friction force
-in the state (Eq. 13). It shares only parameters and surface geometry with the implicit integrators,
-so that it checks them. It is also the reference for their speed, and never the default.
+`euler` and `rk4` are the thesis's method (section 3 and Fig. 6): a dense stiffness matrix in NumPy,
+assembled at every evaluation, with the friction force in the state (Eq. 13). `rk45`, `lsoda` and
+`bdf` are SciPy's, on the same equations. They share only parameters and surface geometry with
+`simulate`, and take forces alone. `lagged` is one linear solve a step, with everything linearised
+at its start.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ...errors import UserError
-from ..errors import DivergedError
-from ..kernels.contact import Contact, contact_frames, frictions_at
-from ..kernels.springs import AXIAL, SPLIT
-from .assembly import Chain
-from .drive import Drive
-from .plant import History, history
-from .state import Deformation, State
+from chromagrip.model import (
+    ContactObject,
+    Drive,
+    Fingertip,
+    History,
+    ModelError,
+    State,
+    rest_state,
+    simulate,
+)
+from chromagrip.model.chain.assembly import Chain, chain, contact
+from chromagrip.model.chain.plant import march
+from chromagrip.model.kernels.contact import Contact, contact_frames, frictions_at
+from chromagrip.model.kernels.implicit_kernels import Rule
+from chromagrip.model.kernels.springs import AXIAL, SPLIT
 
 Array = NDArray[np.float64]
 
@@ -101,13 +108,13 @@ Rates = Callable[[float, Array], Array]
 
 
 def equations(ch: Chain, ct: Contact, drive: Drive) -> Rates:
-    """Make the right-hand side dy/dt of fingertip and object; y as in `pack`."""
+    """Make the right-hand side dy/dt of fingertip and object; y as in `_pack`."""
     n = len(ch.share)
     damping = ch.damping[:, None]
 
     def rates(time: float, y: Array) -> Array:
-        u, rigid, object_x, held_friction = unpack(y, n)
-        goal, slope = drive.at(np.array([time]))[0], drive.rate(np.array([time]))[0]
+        u, rigid, object_x, held_friction = _unpack(y, n)
+        goal = drive.at(np.array([time]))[0]
         if ch.law == AXIAL:
             forces = axial_forces(ch, u, rigid)
         else:
@@ -124,8 +131,7 @@ def equations(ch: Chain, ct: Contact, drive: Drive) -> Rates:
         on_object = (ct.travel * f_n * normal[:, 0] + f_f * tangent[:, 0]).sum()
         # The outer nodes are held to the rigid part, which feels what pulls on them.
         pull = goal[0] - forces[-1, 1] - forces[0, 1] - forces[n - 1, 1]
-        v_rigid = slope[0] if drive.held[0] else pull / ch.damping_rigid
-        v_object = slope[1] if drive.held[1] else (goal[1] - on_object) / ct.drag
+        v_rigid, v_object = pull / ch.damping_rigid, (goal[1] - on_object) / ct.drag
         v[0] = v[-1] = 0.0, v_rigid
         relative = np.array([v_object, 0.0]) - v
         speed = (relative * tangent).sum(axis=1)
@@ -156,38 +162,24 @@ def _dahl_rate(
     return np.where(limit > 0.0, rate, -back * friction)
 
 
-def pack(state: State) -> Array:
+def _pack(state: State) -> Array:
     """State vector (3N + 2,): x of the nodes, z of the nodes, rigid part, object, friction."""
     d = state.deformation
     poses = [d.rigid_part, d.object_position]
     return np.concatenate([d.nodes[:, 0], d.nodes[:, 1], poses, state.friction])
 
 
-def unpack(y: Array, n: int) -> tuple[Array, float, float, Array]:
+def _unpack(y: Array, n: int) -> tuple[Array, float, float, Array]:
     """Split a state vector into displacements (N, 2), rigid part, object and friction (N,)."""
     return y[: 2 * n].reshape(2, n).T, float(y[2 * n]), float(y[2 * n + 1]), y[2 * n + 2 :]
 
 
-def unpacked(y: Array, rates: Array, time: float, dt: float, n: int) -> State:
-    """Make a State from a state vector; its rates hold at its time, and are no step means."""
-    u, rigid, object_x, friction = unpack(y, n)
-    v, v_rigid, v_object, _ = unpack(rates, n)
-    return State(
-        time=time,
-        deformation=Deformation(nodes=u.copy(), rigid_part=rigid, object_position=object_x),
-        friction=friction.copy(),
-        slip_rate=v_object - v[:, 0],
-        rate=np.concatenate([v, [[v_rigid, v_object]]]),
-        step=dt,
-    )
-
-
-def euler(rates: Rates, time: float, y: Array, dt: float) -> Array:
+def _euler(rates: Rates, time: float, y: Array, dt: float) -> Array:
     """Make one forward Euler step."""
     return y + dt * rates(time, y)
 
 
-def rk4(rates: Rates, time: float, y: Array, dt: float) -> Array:
+def _rk4(rates: Rates, time: float, y: Array, dt: float) -> Array:
     """Make one step of the classical Runge–Kutta method."""
     k1 = rates(time, y)
     k2 = rates(time + dt / 2, y + dt / 2 * k1)
@@ -196,116 +188,98 @@ def rk4(rates: Rates, time: float, y: Array, dt: float) -> Array:
     return y + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-def fixed(
-    advance: Callable[[Rates, float, Array, float], Array],
-    rates: Rates,
-    time: float,
-    y: Array,
+#: Step of each explicit method, and its largest stable |λ|·dt on the negative real axis.
+EXPLICIT = {"euler": (_euler, 2.0), "rk4": (_rk4, 2.785293563405282)}
+#: SciPy's name of each adaptive method.
+ADAPTIVE: dict[str, Literal["RK45", "LSODA", "BDF"]] = {
+    "rk45": "RK45",
+    "lsoda": "LSODA",
+    "bdf": "BDF",
+}
+LAGGED = Rule(tolerance=0.0, max_iterations=1, turning=0.0, second_order=False, lagged=True)
+
+
+def integrate(
+    method: str,
+    fingertip: Fingertip,
+    obj: ContactObject,
+    drive: Drive,
+    *,
     dt: float,
-    steps: int,
-) -> Iterator[tuple[int, Array]]:
-    """Make explicit steps; yield the number of steps so far and the state vector after each."""
-    for k in range(steps):
-        y = advance(rates, time + k * dt, y, dt)
-        yield k + 1, y
+    duration: float,
+    state: State | None = None,
+    every: int = 1,
+) -> History:
+    """Simulate the node model by a method: `implicit`, `lagged`, or one of EXPLICIT or ADAPTIVE.
 
-
-def adaptive(
-    method: Literal["RK45", "LSODA", "BDF"],
-    rates: Rates,
-    time: float,
-    y: Array,
-    dt: float,
-    steps: int,
-) -> Iterator[tuple[int, Array]]:
-    """Make steps that SciPy subdivides as needed; yield their number and the last state vector."""
-    end = time + steps * dt
-    absolute, relative = 1e-9, 1e-6
-    solution = scipy.integrate.solve_ivp(
-        rates, (time, end), y, method, t_eval=[end], max_step=dt, atol=absolute, rtol=relative
-    )
-    yield steps, solution.y[:, -1] if solution.success else np.full_like(y, np.nan)
-
-
-#: Largest stable |λ|·dt on the negative real axis.
-STABLE = {"euler": 2.0, "rk4": 2.785293563405282}
-
-
-@dataclass(frozen=True)
-class Dense:
-    """Integrator of the baseline.
-
-    Attributes
+    Parameters
     ----------
-    name: name of the method, for messages and its stable step
-    advance: function like `fixed` with its first argument bound
+    dt: step [s]; the longest one for an adaptive method
+    others: as of `simulate`
+
+    Raises
+    ------
+    ModelError
+        When a step has no solution, or a node moves by more than 1 m.
     """
+    if method == "implicit":
+        return simulate(fingertip, obj, drive, dt=dt, duration=duration, state=state, every=every)
+    ch, ct = chain(fingertip), contact(fingertip, obj)
+    start = rest_state(fingertip) if state is None else state
+    steps = round(duration / dt)
+    if method == "lagged":
+        return march(ch, ct, start, drive, dt, steps, every, LAGGED)
+    n, rates, y, time = fingertip.nodes, equations(ch, ct, drive), _pack(start), start.time
+    rows = [(time, y, start.slip_rate, start.rate, start.step)]
 
-    name: str
-    advance: Callable[[Rates, float, Array, float, int], Iterator[tuple[int, Array]]]
+    def refuse_lost(y: Array, step: int) -> None:
+        if not abs(y[: 2 * n + 1]).max() < 1.0:
+            raise ModelError(
+                f"{method} diverged at step {step} with dt = {dt:.3g} s; linear theory predicts "
+                f"stability up to {explicit_limit(fingertip, obj, start, method):.3g} s"
+            )
 
-    def march(
-        self,
-        ch: Chain,
-        ct: Contact,
-        state: State,
-        drive: Drive,
-        dt: float,
-        steps: int,
-        every: int,
-    ) -> History:
-        """Run a number of steps; see `Integrator`.
-
-        Raises
-        ------
-        DivergedError
-            When a node moves by more than 1 m.
-        """
-        if ch.half:
-            raise UserError(f"a half chain runs with implicit or lagged, not {self.name}")
-        n, rates = len(ch.share), equations(ch, ct, drive)
-        states = [state]
-        # A run that diverges overflows on its way; its state is checked instead.
-        with np.errstate(over="ignore", invalid="ignore"):
-            for before in range(0, steps, every):
-                start = states[-1].time
-                for done, y in self.advance(rates, start, pack(states[-1]), dt, every):
-                    _refuse_lost(self.name, y, before + done, ch, ct, state, dt)
-                end = start + every * dt
-                states.append(unpacked(y, rates(end, y), end, dt, n))
-        return history(states)
-
-
-EULER = partial(Dense, "euler", partial(fixed, euler))
-RK4 = partial(Dense, "rk4", partial(fixed, rk4))
-RK45 = partial(Dense, "rk45", partial(adaptive, "RK45"))
-LSODA = partial(Dense, "lsoda", partial(adaptive, "LSODA"))
-BDF = partial(Dense, "bdf", partial(adaptive, "BDF"))
-
-
-def _refuse_lost(
-    method: str, y: Array, step: int, ch: Chain, ct: Contact, state: State, dt: float
-) -> None:
-    """Raise DivergedError for a state vector that has diverged."""
-    lost = 1.0  # a run has diverged when a node is further than this from rest [m]
-    if not abs(y[: 2 * len(ch.share) + 1]).max() < lost:
-        limit = stable_step(ch, ct, state, method)
-        raise DivergedError(
-            f"{method} diverged at step {step} with dt = {dt:.3g} s; linear theory predicts "
-            f"stability up to {limit:.3g} s",
-            step,
-            limit,
-        )
+    # A run that diverges overflows on its way; its state is checked instead.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for before in range(0, steps, every):
+            if method in EXPLICIT:
+                for k in range(every):
+                    y = EXPLICIT[method][0](rates, time + k * dt, y, dt)
+                    refuse_lost(y, before + k + 1)
+            else:
+                span = (time, time + every * dt)
+                found = scipy.integrate.solve_ivp(
+                    rates, span, y, ADAPTIVE[method],
+                    t_eval=span[1:], max_step=dt, atol=1e-9, rtol=1e-6,
+                )  # fmt: skip
+                y = found.y[:, -1] if found.success else np.full_like(y, np.nan)
+                refuse_lost(y, before + every)
+            time += every * dt
+            v, v_rigid, v_object, _ = _unpack(rates(time, y), n)
+            rate = np.concatenate([v, [[v_rigid, v_object]]])
+            rows.append((time, y, v_object - v[:, 0], rate, dt))
+    times, states, slips, moved, lengths = map(np.array, zip(*rows, strict=True))
+    return History(
+        time=times,
+        nodes=states[:, : 2 * n].reshape(-1, 2, n).swapaxes(1, 2),
+        pose=states[:, 2 * n : 2 * n + 2],
+        friction=states[:, 2 * n + 2 :],
+        slip_rate=slips,
+        rate=moved,
+        step=lengths,
+    )
 
 
-def stable_step(ch: Chain, ct: Contact, state: State, method: str = "euler") -> float:
-    """Largest stable step of an explicit method, 2c/λmax for forward Euler [s].
+def explicit_limit(
+    fingertip: Fingertip, obj: ContactObject, state: State | None = None, method: str = "euler"
+) -> float:
+    """Largest step at which linear theory keeps an explicit method stable, 2c/λmax for Euler [s].
 
     λmax/c is the largest eigenvalue of the Jacobian of `equations` at a state, by finite
     differences. It includes contact, friction and the rotation of springs.
     """
-    rates = equations(ch, ct, Drive.constant(0.0))
-    y = pack(state)
+    rates = equations(chain(fingertip), contact(fingertip, obj), Drive.constant(0.0))
+    y = _pack(rest_state(fingertip) if state is None else state)
     still = rates(0.0, y)
     jacobian = np.empty((len(y), len(y)))
     nudge = 1e-9  # step of differences: small beside contact depths, large beside rounding [m or N]
@@ -314,4 +288,4 @@ def stable_step(ch: Chain, ct: Contact, state: State, method: str = "euler") -> 
         nudged[k] += nudge
         jacobian[:, k] = (rates(0.0, nudged) - still) / nudge
     largest = abs(np.linalg.eigvals(jacobian)).max()
-    return float(STABLE.get(method, 2.0) / largest)
+    return float(EXPLICIT.get(method, EXPLICIT["euler"])[1] / largest)
