@@ -178,10 +178,8 @@ class VectorTactileObservation(VectorWrapper):
         self._sensed.sensors.close()
 
     def _seen(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-        seen, data = (
-            self._sensed(_poses_of(self._pose_of, self.env), self._dt),
-            self._sensed.sensors.data,
-        )
+        seen = self._sensed(_poses_of(self._pose_of, self.env), self._dt)
+        data = self._sensed.sensors.data
         if data.failed.any():
             info = info | {FAILED: np.array(data.reasons, dtype=object), f"_{FAILED}": data.failed}
         return _joined(observation, seen), info
