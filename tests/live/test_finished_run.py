@@ -65,13 +65,13 @@ def test_a_run_is_repeated_and_agrees(viser_server: Any, dome_run: Path, until: 
 def test_time_goes_where_it_is_put(viser_server: Any, dome_run: Path, until: Until) -> None:
     with shown(viser_server, dome_run) as page:
         played(page, until)
-        arrows = np.array(page._replay.view._view._arrows.points)
+        arrows = np.array(page._replay.view._arrows.points)
         page._slider.value = 0.1
         page._moved(SimpleNamespace(client_id=0))  # a hand's
         page.tick()
         assert page.now == pytest.approx(0.1)
         assert "**t = 0.10 s** of 0.3 s" in page.board._status.content
-        assert arrows.shape != page._replay.view._view._arrows.points.shape
+        assert arrows.shape != page._replay.view._arrows.points.shape
         page.press("step")
         page.tick()
         assert page.now == pytest.approx(0.12)

@@ -24,7 +24,7 @@ Browsing = Callable[..., Any]
 
 def page(port: int) -> str:
     """Address that is printed."""
-    return f"http://127.0.0.1:{port}/?token={TOKEN}"
+    return f"http://127.0.0.1:{port}/{TOKEN}"
 
 
 @contextmanager
@@ -231,12 +231,12 @@ def test_a_token_lets_a_browser_in_and_keeps_the_others_out(
     port: int, browsing: Browsing, tmp_path: Path
 ) -> None:
     with serving(port, tmp_path, *SCENE, "--host", "0.0.0.0") as (_, address):
-        token = address.split("?token=")[1]
+        token = address.rpartition("/")[2]
         with browsing(1280) as browser:
             made = browser.made
             made.get(f"http://127.0.0.1:{port}/")
             assert "needs the token" in made.find_element("tag name", "body").text
-            made.get(f"http://127.0.0.1:{port}/?token={token}")
+            made.get(f"http://127.0.0.1:{port}/{token}")
             until(lambda: begun(made))
             made.get("data:text/html,<p>another site")
             script = """
@@ -245,7 +245,7 @@ def test_a_token_lets_a_browser_in_and_keeps_the_others_out(
                 open.onopen = () => done("open");
                 open.onerror = () => done("refused");
             """
-            for path in ("", f"?token={token}"):
+            for path in ("", token):
                 url = f"ws://127.0.0.1:{port}/{path}"
                 version = importlib.metadata.version("viser")
                 assert made.execute_async_script(script, url, version) == "refused"

@@ -12,7 +12,7 @@ import trimesh
 
 from chromagrip import load_scene
 from chromagrip.live.board import legend_text
-from chromagrip.live.gate import LARGEST_FILE
+from chromagrip.live.guard import LARGEST_FILE
 from chromagrip.live.page import Page
 from chromagrip.live.record import Recorder
 from chromagrip.live.session import Session
@@ -46,7 +46,7 @@ class Shown:
 
     def swirl(self) -> float:
         """Torque about the axis of the arrows that the browsers are sent, of any unit."""
-        points = self.page.view._view._arrows.points
+        points = self.page.view._arrows.points
         start, way = points[:, 0], points[:, 1] - points[:, 0]
         return float((start[:, 0] * way[:, 1] - start[:, 1] * way[:, 0]).sum())
 
@@ -79,7 +79,7 @@ def test_an_object_is_dropped_in(shown: Shown, until: Until) -> None:
     content = trimesh.creation.icosphere(subdivisions=3, radius=9.0).export(file_type="stl")
     shown.page.drop("screw.stl", content)
     until(lambda: shown.session.sliders.object.endswith(".stl"))
-    until(lambda: len(shown.page.view._view._object.vertices) == 642)
+    until(lambda: len(shown.page.view._object.vertices) == 642)
     assert shown.slider("object").value == "screw.stl"
     shown.slider("object").value = "box"
     until(lambda: shown.session.sliders.object == "box")
