@@ -6,6 +6,7 @@ import re
 import socket
 from collections.abc import Callable
 from contextlib import closing
+from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
 from urllib.parse import quote
@@ -83,7 +84,9 @@ def test_a_server_that_does_not_ask_is_refused() -> None:
         pass
 
 
-def test_addresses_that_cannot_be_used(typed: Typed) -> None:
+def test_addresses_and_sources_that_cannot_be_used(typed: Typed, tmp_path: Path) -> None:
+    pinch = Path(__file__).parents[2] / "fixtures/written-before/pinch"
+    of = "--calibration"
     for words, sentence in (
         (("--host", "192.0.2.7"), "host 192.0.2.7 is not an address of this machine"),
         (("--token", "short"), "--token: expected 16 or more"),
@@ -93,8 +96,13 @@ def test_addresses_that_cannot_be_used(typed: Typed) -> None:
         (("dome-1", "--run", "x"), "--run has a scene of its own"),
         (("--source", "x"), "--source needs --calibration"),
         (("--source", "x", "--run", "y"), "--run and --source are two pages"),
-        (("--source", "x", "--calibration", "flat-2019"), "is for a flat pad"),
+        (("--source", "x", of, "flat-2019"), "flat-2019 is for a flat pad"),
+        (("--source", "camera:37", of, "thesis"), "camera 37 cannot be opened"),
+        (("--source", "nothing.mp4", of, "thesis"), "there is no nothing.mp4"),
+        (("--source", "nothing.mp4", of, "nobody"), "no calibration 'nobody'"),
+        (("--run", tmp_path), "is not a finished run: it has no summary.json"),
+        (("--run", pinch), f"see report.html of {pinch}: the live page shows one finger"),
     ):
         done = typed("live", *words)
-        assert done.returncode == 2
+        assert (done.returncode, done.stdout) == (2, "")
         assert re.fullmatch(rf"chromagrip: .*{re.escape(sentence)}.*\n", done.stderr), done.stderr

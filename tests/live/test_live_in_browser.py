@@ -136,16 +136,6 @@ def test_a_server_that_ends_frees_its_port(
         again.bind(("127.0.0.1", port))
 
 
-def test_a_port_in_use_is_one_sentence(port: int) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", port))
-        taken.listen()
-        command = [sys.executable, "-P", "-m", "chromagrip", "live", "--port", str(port)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert re.fullmatch(rf"chromagrip: port {port} cannot be used: .*\n", done.stderr)
-
-
 @pytest.mark.usefixtures("server")
 def test_the_keyboard_alone_suffices(port: int, browsing: Browsing) -> None:
     """Tab comes to every control, and keys work them."""

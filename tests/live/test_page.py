@@ -19,30 +19,21 @@ from chromagrip.live.session import Session
 from chromagrip.live.solid import half_sphere, object_mesh, skin_faces
 from chromagrip.scene.settings import ObjectSettings
 
+from .test_messages import Shown as Served
+
 DOME = {"path": "truth", "camera.rate_hz": 50.0, "fingertip.step_ms": 10.0}
 Until = Callable[..., None]
 
 
-class Shown:
-    """A page, its session and what its server holds."""
-
-    def __init__(self, server: Any, page: Page, session: Session) -> None:
-        self.server, self.page, self.session = server, page, session
+class Shown(Served):
+    """A page, and what it shows."""
 
     @property
     def status(self) -> str:
         return str(self.page.board._status.content)
 
-    @property
-    def count(self) -> int:
-        return 0 if self.page.board.strips is None else len(self.page.board.strips._rows)
-
     def slider(self, label: str) -> Any:
-        return next(
-            handle
-            for handle in self.server.gui._gui_input_handle_from_uuid.values()
-            if getattr(handle, "label", None) == label
-        )
+        return self.controls[self.named[label]]
 
     def swirl(self) -> float:
         """Torque about the axis of the arrows that the browsers are sent, of any unit."""
@@ -58,7 +49,7 @@ def shown(viser_server: Any, tmp_path: Path) -> Iterator[Shown]:
         recorder = Recorder(tmp_path / "kept", page.tell_kept)
         with Session(scene, page.show, page.tell, recorder) as session:
             page.connect(session)
-            yield Shown(viser_server, page, session)
+            yield Shown(viser_server, page, session, 0)
             session.check()
 
 
