@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 import chromagrip
 
-SCENE = replace(chromagrip.load_scene("chromatouch-2022"), path="truth", duration_s=5.0)
+SCENE = replace(chromagrip.load_scene("chromatouch-2022"), path="truth")
 
 
 class Gripper:

@@ -68,7 +68,7 @@ def guarded(token: str) -> Iterator[list[Any]]:
     """Guard the server that is started inside; it gets messages once its `gui` is in the list."""
     import websockets.asyncio.server as kind
 
-    usual, started, guis = kind.serve, [], []
+    usual, started, guis = kind.serve, list[bool](), list[Any]()
 
     class Guarded(kind.ServerConnection):
         async def recv(self, decode: bool | None = None) -> Any:
