@@ -1,9 +1,10 @@
-"""Camera, reader and controller as three processes: messages over loopback hold Γ = 0.3.
+"""Camera, reader and controller as three processes: lines of JSON in pipes hold Γ = 0.3.
 
 The camera process plays an object of chromatouch-2022 in time, `chromagrip estimate` reads
-its pictures and publishes, and the controller process subscribes and commands the grip. Half-way
-the reader is killed and started again. The new one does not know the way of the contact: after a
-slip it gives no estimate and says so, and the controller grips harder.
+its pictures and publishes, and the controller process subscribes and commands the grip. Of every
+pipe the newest line is taken. Half-way the reader is killed and started again. The new one does not
+know the way of the contact: after a slip it gives no estimate and says so, and the controller grips
+harder.
 
     python examples/three_processes.py [SECONDS [SPEED]]
 
@@ -11,10 +12,9 @@ With a speed of 0.5 the object is played at half of its speed, for a slow machin
 """
 
 import itertools
+import json
 import math
 import os
-import socket
-import struct
 import subprocess
 import sys
 import tempfile
@@ -32,14 +32,11 @@ from chromagrip.publish import Subscriber, observation_of
 from chromagrip.sources import pipe_bytes
 
 SCENE = chromagrip.load_scene("chromatouch-2022")
-LOOPBACK = "127.0.0.1"
 
 
-def camera(folder: Path, seconds: float, port: int, speed: float) -> None:
+def camera(folder: Path, seconds: float, speed: float) -> None:
     """Play the object under the newest grip that has come; write its pictures into a pipe."""
-    grips = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    grips.bind((LOOPBACK, port))
-    grips.setblocking(False)
+    os.set_blocking(sys.stdin.fileno(), False)
     pipe, grip, log, begin = -1, math.nan, [], time.monotonic()
     with chromagrip.open(replace(SCENE, path="truth", duration_s=seconds)) as rig:
         rig.reset()
@@ -48,8 +45,7 @@ def camera(folder: Path, seconds: float, port: int, speed: float) -> None:
             (folder / "rest" / f"{k}.png").write_bytes(encode_png(frame.image))
         for due in itertools.count(time.monotonic(), rig.scene.period / speed):
             with suppress(BlockingIOError):
-                while True:
-                    (grip,) = struct.unpack("d", grips.recv(8))
+                grip = json.loads(os.read(sys.stdin.fileno(), 65536).splitlines()[-1])["grip_n"]
             if not math.isnan(grip):  # until then nothing is gripped, and no time passes
                 (folder / "begun").touch()
                 rig.step(grip)
@@ -73,16 +69,15 @@ def camera(folder: Path, seconds: float, port: int, speed: float) -> None:
     np.save(folder / "log.npy", np.array(log))
 
 
-def control(readings: int, grips: int) -> None:
+def control() -> None:
     """Command a grip for every message; without one, the last grip stays."""
-    line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     controller = SCENE.build_controller()
-    with Subscriber(f"udp:{readings}") as messages:
-        while True:
-            message = messages.next(0.5)
-            if message is not None:
-                force = controller.command(observation_of(message)).force
-                line.sendto(struct.pack("d", force), (LOOPBACK, grips))
+    readings = Subscriber(sys.stdin.buffer)
+    while not readings.ended:
+        message = readings.next(0.5)
+        if message is not None:
+            force = controller.command(observation_of(message)).force
+            print(json.dumps({"grip_n": force}), flush=True)
 
 
 def wait_for(path: Path) -> None:
@@ -91,16 +86,10 @@ def wait_for(path: Path) -> None:
         time.sleep(0.1)
 
 
-def free_port() -> int:
-    """Find a port that nobody uses."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
-        made.bind((LOOPBACK, 0))
-        return int(made.getsockname()[1])
-
-
 def main(seconds: float, speed: float = 1.0) -> None:
     """Run the three processes, and print how well the margin was held."""
-    readings, grips = free_port(), free_port()
+    # This process keeps both ends of each pipe: a pipe does not end with the reader.
+    (readings, published), (grips, commanded) = os.pipe(), os.pipe()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         os.mkfifo(folder / "frames")
@@ -108,18 +97,18 @@ def main(seconds: float, speed: float = 1.0) -> None:
         read = [
             sys.executable, "-m", "chromagrip", "estimate", str(folder / "rest"),
             f"pipe:{folder / 'frames'}(live=true)", "--calibration", SCENE.sensor,
-            "--reconstructor", "contact", "--publish", f"udp:{readings}",
+            "--reconstructor", "contact", "--publish", "jsonl:-",
         ]  # fmt: skip
-        player = subprocess.Popen([*role, "camera", name, str(seconds), str(grips), str(speed)])
+        player = subprocess.Popen([*role, "camera", name, str(seconds), str(speed)], stdin=grips)
         wait_for(folder / "rest" / "7.png")
-        controller = subprocess.Popen([*role, "control", str(readings), str(grips)])
-        reader = subprocess.Popen(read)
+        controller = subprocess.Popen([*role, "control"], stdin=readings, stdout=commanded)
+        reader = subprocess.Popen(read, stdout=published)
         wait_for(folder / "begun")
         time.sleep(0.5 * seconds / speed)
         reader.kill()
         reader.wait()
         print(f"reader killed and started again after {0.5 * seconds:g} s", flush=True)
-        reader = subprocess.Popen(read)
+        reader = subprocess.Popen(read, stdout=published)
         player.wait()
         for process in (controller, reader):
             process.terminate()
@@ -138,8 +127,8 @@ def main(seconds: float, speed: float = 1.0) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["camera"]:
-        camera(Path(sys.argv[2]), float(sys.argv[3]), int(sys.argv[4]), float(sys.argv[5]))
+        camera(Path(sys.argv[2]), float(sys.argv[3]), float(sys.argv[4]))
     elif sys.argv[1:2] == ["control"]:
-        control(int(sys.argv[2]), int(sys.argv[3]))
+        control()
     else:
         main(*map(float, sys.argv[1:] or ["60"]))

@@ -50,6 +50,7 @@ class Typed:
         floor: bool = False,
         places: tuple[float, ...] = (),
     ) -> None: ...
+    def command(self, force: float) -> None: ...
 
 
 @pytest.fixture(autouse=True)
@@ -61,37 +62,21 @@ def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
     ("name", "arguments", "sentence"),
     [
         (
-            "robotiq",
-            {"host": "10.0.0.2"},
-            "gripper 'robotiq' needs model (2f-85 or 2f-140 or hand-e); it has model, port, host, "
-            "unit, speed, floor",
-        ),
-        (
-            "onrobot",
+            "mine:Typed",
             {},
-            "gripper 'onrobot' needs model (rg2 or rg6) and host (a text in quotes); it has model, "
-            "host, unit, floor",
+            "gripper 'mine:Typed' needs serial (a text in quotes) and gain (a number); it has "
+            "serial, gain, mode, unit, floor",
+        ),
+        ("mine:Typed", {"serial": 7}, "gripper 'mine:Typed': serial = 7; expected a text in"),
+        (
+            "mine:Typed",
+            {"serial": "a", "gain": 1.0, "mode": "firm"},
+            "gripper 'mine:Typed': mode = 'firm'; expected fast or safe",
         ),
         (
-            "franka",
-            {"speed": 0.1},
-            "gripper 'franka' needs host (a text in quotes); it has host, s",
-        ),
-        ("franka", {"host": 7}, "gripper 'franka': host = 7; expected a text in quotes"),
-        (
-            "robotiq",
-            {"model": "2f-85", "host": "10.0.0.2", "floor": "no"},
-            "gripper 'robotiq': floor = 'no'; expected true or false",
-        ),
-        (
-            "onrobot",
-            {"model": "rg4", "host": "10.0.0.2"},
-            "gripper 'onrobot': model = 'rg4'; expected rg2 or rg6",
-        ),
-        (
-            "onrobot",
-            {"modle": "rg2"},
-            "gripper 'onrobot' has no argument modle (did you mean model",
+            "mine:Typed",
+            {"flor": True},
+            "gripper 'mine:Typed' has no argument flor (did you mean floor",
         ),
         (
             "mine:Mine(serial=a)",

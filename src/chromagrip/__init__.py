@@ -5,10 +5,10 @@
 >>> result.summary["final_margin_true"]
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from .gym import register_when_imported as _register_when_imported
 from .links import guard as _guard
 
 if TYPE_CHECKING:
@@ -66,7 +66,8 @@ __all__ = [
 ]
 
 _guard()
-_register_when_imported()
+if "gymnasium" in sys.modules:
+    import_module(".gym", __name__)  # which registers its environments
 
 
 def __getattr__(name: str) -> Any:

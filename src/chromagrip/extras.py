@@ -39,8 +39,6 @@ EXTRAS = {
     "learn": Extra("torch", "reading datasets with PyTorch"),
     "live": Extra("viser", "the live page"),
     "ros": Extra("rosbags", "reading a ROS 2 bag or writing an MCAP log"),
-    "zmq": Extra("zmq", "publishing readings over ZeroMQ"),
-    "modbus": Extra("pymodbus", "driving a gripper over Modbus"),
     "viz": Extra("rerun", "writing a run as a Rerun log"),
     "mujoco": Extra("mujoco", "sensors in a MuJoCo model"),
     "reference": Extra("mitsuba", "path tracing the reference pictures"),

@@ -6,13 +6,13 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
-import chromagrip
-import chromagrip.gym
-from chromagrip import Rig, UserError, load_scene
+from chromagrip import UserError, load_scene
 from chromagrip.gym.environment import DROP_COST, GripEnv
 from chromagrip.gym.observations import FORCES, MARGIN, observation_of, space_of
+
+from .test_environment import Step, action, same
+from .test_environment import rolled as stepped
 
 NAME = "chromagrip/Pinch-v0"
 WEIGHT = 0.05 * 9.81
@@ -27,7 +27,6 @@ COARSE = {
     "object.size_mm": [20.0, 20.0, 16.0],
 }
 NOISY = {"truth.margin_noise": 0.02, "camera.dropped": 0.2, "camera.late": 0.2}
-Step = tuple[np.ndarray, float, bool, bool, dict[str, Any]]
 
 
 def made(changes: dict[str, Any] | None = None, **options: Any) -> GripEnv:
@@ -36,12 +35,8 @@ def made(changes: dict[str, Any] | None = None, **options: Any) -> GripEnv:
     return env
 
 
-def action(force: float, most: float = 10.0) -> np.ndarray:
-    return np.array([2.0 * force / most - 1.0], np.float32)
-
-
 def rolled(env: GripEnv, forces: list[float]) -> list[Step]:
-    return [env.step(action(force)) for force in forces]  # type: ignore[misc]
+    return stepped(env, [action(force, 10.0) for force in forces])
 
 
 def to_the_end(env: GripEnv, force: float) -> list[Step]:
@@ -50,13 +45,6 @@ def to_the_end(env: GripEnv, force: float) -> list[Step]:
     while not (steps and (steps[-1][2] or steps[-1][3])):
         steps += rolled(env, [force])
     return steps
-
-
-def same(one: list[Step], other: list[Step]) -> bool:
-    return all(
-        a[0].tobytes() == b[0].tobytes() and a[1:4] == b[1:4] and repr(a[4]) == repr(b[4])
-        for a, b in zip(one, other, strict=True)
-    )
 
 
 @pytest.mark.parametrize(
@@ -71,27 +59,6 @@ def same(one: list[Step], other: list[Step]) -> bool:
 def test_gymnasium_finds_nothing_wrong(observation: str) -> None:
     """Warnings are errors here."""
     check_env(made({"duration_s": 0.1}, observation=observation), skip_render_check=True)
-
-
-def test_open_gives_the_rig_that_the_scene_has() -> None:
-    with chromagrip.open(load_scene("pinch-lift", COARSE | {"path": "truth"})) as rig:
-        assert isinstance(rig, Rig)
-        rig.reset(seed=4)
-        seen = rig.step(1.0)
-        assert seen is not None
-        assert (rig.index, rig.done, rig.scene.seed) == (1, False, 4)
-        assert rig.time == pytest.approx(rig.scene.period)
-        assert 0.0 < rig.applied <= 1.0
-        first, second = rig.pictures()
-        assert (first.image != second.image).any()
-        state = rig.save()
-        ahead = rig.step(2.0)
-        rig.restore(state)
-        assert rig.step(2.0).margin == ahead.margin
-    with chromagrip.open("camera-100hz") as rig:
-        assert isinstance(rig, Rig)
-        rig.reset()
-        assert len(rig.readings) == len(rig.pictures()) == 1
 
 
 def test_both_fingers_carry_half_the_weight() -> None:
@@ -215,24 +182,6 @@ def test_a_restored_environment_goes_on_with_the_same_bytes(observation: str) ->
     with pytest.raises(UserError, match="another number of fingers"):
         gymnasium.make("chromagrip/Grasp-v0").unwrapped.restore(state)  # type: ignore[attr-defined]
     env.close()
-
-
-@pytest.mark.slow
-def test_worker_processes_give_the_same_bytes() -> None:
-    changes = COARSE | NOISY | {"duration_s": 0.2}
-    makers = [
-        lambda: gymnasium.make(f"chromagrip.gym:{NAME}", observation="forces", changes=changes)
-    ] * 2
-    runs = []
-    for vector in (SyncVectorEnv(makers), AsyncVectorEnv(makers, context="forkserver")):
-        steps = [vector.reset(seed=[4, 5])[0]]
-        for k in range(16):  # beyond the end, where a new pinch begins
-            both = np.array([[-0.7 + 0.01 * k], [-0.6]], np.float32)
-            steps.append(vector.step(both)[0])
-        vector.close()
-        runs.append(np.stack(steps))
-    assert runs[0].tobytes() == runs[1].tobytes()
-    assert (runs[0][:, 0] != runs[0][:, 1]).any()
 
 
 def test_a_limit_of_one_finger_is_refused() -> None:

@@ -136,15 +136,21 @@ def test_what_cannot_be_wrapped_is_refused() -> None:
         TactileObservation(twice, "dome-2020", ball(BALL), pose_of)
 
 
-@pytest.mark.parametrize("order", ["chromagrip, gymnasium", "gymnasium, chromagrip"])
-def test_importing_the_package_registers_and_imports_nothing(order: str) -> None:
+@pytest.mark.parametrize(
+    ("order", "name"),
+    [
+        ("gymnasium, chromagrip", "chromagrip/Grasp-v0"),
+        ("chromagrip, gymnasium", "chromagrip.gym:chromagrip/Grasp-v0"),
+    ],
+)
+def test_environments_are_registered_without_heavy_imports(order: str, name: str) -> None:
     first = order.split(", ")[0]
     script = (
         f"import {first}, sys\n"
         f"assert {first!r} == 'gymnasium' or 'gymnasium' not in sys.modules\n"
         f"import {order}\n"
         "assert 'cv2' not in sys.modules and 'numba' not in sys.modules\n"
-        "print(gymnasium.make('chromagrip/Grasp-v0', changes={'duration_s': 0.1}).spec.id)"
+        f"print(gymnasium.make({name!r}, changes={{'duration_s': 0.1}}).spec.id)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.stdout.strip() == "chromagrip/Grasp-v0", done.stderr

@@ -4,7 +4,6 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from subprocess import CompletedProcess
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,7 +19,6 @@ from chromagrip.live.view import GraspView
 from chromagrip.loop.results.run_folder import read_run
 from chromagrip.outside.grasp import run_outside
 
-Typed = Callable[..., CompletedProcess[str]]
 Until = Callable[..., None]
 CHANGES = {"path": "camera", "duration_s": 0.3, "camera.rate_hz": 50.0, "camera.rest_frames": 2}
 
@@ -65,13 +63,13 @@ def test_a_run_is_repeated_and_agrees(viser_server: Any, dome_run: Path, until: 
 def test_time_goes_where_it_is_put(viser_server: Any, dome_run: Path, until: Until) -> None:
     with shown(viser_server, dome_run) as page:
         played(page, until)
-        arrows = np.array(page._replay.view._view._arrows.points)
+        arrows = np.array(page._replay.view._arrows.points)
         page._slider.value = 0.1
         page._moved(SimpleNamespace(client_id=0))  # a hand's
         page.tick()
         assert page.now == pytest.approx(0.1)
         assert "**t = 0.10 s** of 0.3 s" in page.board._status.content
-        assert arrows.shape != page._replay.view._view._arrows.points.shape
+        assert arrows.shape != page._replay.view._arrows.points.shape
         page.press("step")
         page.tick()
         assert page.now == pytest.approx(0.12)
@@ -138,16 +136,3 @@ def test_a_recording_shows_its_video(
     assert "sliders were moved by hand; curves and video are shown" in said
     assert frames[-1].time == pytest.approx(0.3, abs=0.011)
     assert frames[-1].true is None
-
-
-def test_folders_that_are_no_run_of_one_finger(typed: Typed, tmp_path: Path) -> None:
-    pinch = Path(__file__).parents[2] / "fixtures" / "written-before" / "pinch"
-    for folder, sentence in (
-        (pinch, f"see report.html of {pinch}: the live page shows one finger; this scene is a"),
-        (tmp_path, "is not a finished run: it has no summary.json"),
-    ):
-        done = typed("live", "--run", folder)
-        assert done.returncode == 2
-        assert done.stderr.startswith("chromagrip: ")
-        assert sentence in done.stderr
-        assert done.stderr.count("\n") == 1

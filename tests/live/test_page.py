@@ -12,41 +12,32 @@ import trimesh
 
 from chromagrip import load_scene
 from chromagrip.live.board import legend_text
-from chromagrip.live.gate import LARGEST_FILE
+from chromagrip.live.guard import LARGEST_FILE
 from chromagrip.live.page import Page
 from chromagrip.live.record import Recorder
 from chromagrip.live.session import Session
 from chromagrip.live.solid import half_sphere, object_mesh, skin_faces
 from chromagrip.scene.settings import ObjectSettings
 
+from .test_messages import Shown as Served
+
 DOME = {"path": "truth", "camera.rate_hz": 50.0, "fingertip.step_ms": 10.0}
 Until = Callable[..., None]
 
 
-class Shown:
-    """A page, its session and what its server holds."""
-
-    def __init__(self, server: Any, page: Page, session: Session) -> None:
-        self.server, self.page, self.session = server, page, session
+class Shown(Served):
+    """A page, and what it shows."""
 
     @property
     def status(self) -> str:
         return str(self.page.board._status.content)
 
-    @property
-    def count(self) -> int:
-        return 0 if self.page.board.strips is None else len(self.page.board.strips._rows)
-
     def slider(self, label: str) -> Any:
-        return next(
-            handle
-            for handle in self.server.gui._gui_input_handle_from_uuid.values()
-            if getattr(handle, "label", None) == label
-        )
+        return self.controls[self.named[label]]
 
     def swirl(self) -> float:
         """Torque about the axis of the arrows that the browsers are sent, of any unit."""
-        points = self.page.view._view._arrows.points
+        points = self.page.view._arrows.points
         start, way = points[:, 0], points[:, 1] - points[:, 0]
         return float((start[:, 0] * way[:, 1] - start[:, 1] * way[:, 0]).sum())
 
@@ -58,7 +49,7 @@ def shown(viser_server: Any, tmp_path: Path) -> Iterator[Shown]:
         recorder = Recorder(tmp_path / "kept", page.tell_kept)
         with Session(scene, page.show, page.tell, recorder) as session:
             page.connect(session)
-            yield Shown(viser_server, page, session)
+            yield Shown(viser_server, page, session, 0)
             session.check()
 
 
@@ -79,7 +70,7 @@ def test_an_object_is_dropped_in(shown: Shown, until: Until) -> None:
     content = trimesh.creation.icosphere(subdivisions=3, radius=9.0).export(file_type="stl")
     shown.page.drop("screw.stl", content)
     until(lambda: shown.session.sliders.object.endswith(".stl"))
-    until(lambda: len(shown.page.view._view._object.vertices) == 642)
+    until(lambda: len(shown.page.view._object.vertices) == 642)
     assert shown.slider("object").value == "screw.stl"
     shown.slider("object").value = "box"
     until(lambda: shown.session.sliders.object == "box")

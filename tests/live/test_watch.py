@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from subprocess import CompletedProcess
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from chromagrip.live.watch import Looked, Looking, Watcher, WatchPage
 from chromagrip.output.video import VideoFile
 from chromagrip.pictures.estimate import estimate_source
 
-Typed = Callable[..., CompletedProcess[str]]
 Until = Callable[..., None]
 CHANGES = {"path": "camera", "duration_s": 0.3, "camera.rate_hz": 50.0}
 
@@ -128,21 +126,3 @@ def test_the_page_shows_estimates_and_no_truth(
     assert "frames of the source: 1 repeated" in said
     assert len(page._view._arrows.points) > 20
     assert page._view._object is None
-
-
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (("camera:37", "thesis"), "camera 37 cannot be opened"),
-        (("nothing.mp4", "thesis"), "there is no nothing.mp4"),
-        (("nothing.mp4", "nobody"), "no calibration 'nobody'"),
-        (("nothing.mp4", "flat-2019"), "flat-2019 is for a flat pad"),
-    ],
-)
-def test_what_is_not_there_is_a_sentence(
-    typed: Typed, words: tuple[str, str], sentence: str
-) -> None:
-    done = typed("live", "--source", words[0], "--calibration", words[1])
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert re.fullmatch(rf"chromagrip: .*{sentence}.*\n", done.stderr)

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -51,14 +50,13 @@ with chromagrip.open(scene) as rig, open(sys.argv[1], "wb") as pictures:
 
 
 class Line:
-    """A gripper at the end of a pipe."""
+    """A gripper at the end of a pipe, which waits for no other end."""
 
     def __init__(self, path: str) -> None:
-        self._file = open(path, "w", encoding="utf-8")  # noqa: SIM115
+        self._pipe = os.open(path, os.O_RDWR)
 
     def command(self, force: float) -> None:
-        self._file.write(f"{force!r}\n")
-        self._file.flush()
+        os.write(self._pipe, f"{force!r}\n".encode())
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no named pipes")
@@ -73,7 +71,7 @@ def test_a_camera_in_another_process_closes_the_same_loop(tmp_path: Path) -> Non
                 SCENE,
                 f"pipe:{pictures}",
                 tmp_path / "run",
-                gripper=Opened(str(forces)),
+                gripper=Line(str(forces)),
                 frame_within_s=60.0,
             )
             assert camera.wait(60.0) == 0
@@ -89,26 +87,6 @@ def test_a_camera_in_another_process_closes_the_same_loop(tmp_path: Path) -> Non
     assert (summary["complete"], summary["frames"]) == (True, 13)
     assert summary["source"] == f"pipe:{pictures}"
     assert summary["camera_pose"]["scale"] == pytest.approx(1.0, abs=1e-3)
-
-
-class Opened:
-    """A line that is opened with the first force: a pipe waits for its other end."""
-
-    def __init__(self, path: str) -> None:
-        self._path, self._line = path, None
-
-    def command(self, force: float) -> None:
-        if self._line is None:
-            self._sent = threading.Thread(target=self._open, args=(force,), daemon=True)
-            self._line = self._sent
-            self._sent.start()
-            return
-        self._sent.join(60.0)
-        self._own.command(force)
-
-    def _open(self, force: float) -> None:
-        self._own = Line(self._path)
-        self._own.command(force)
 
 
 class Kept:

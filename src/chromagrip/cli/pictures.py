@@ -330,7 +330,7 @@ def estimate(
         tyro.conf.UseAppendAction,
         option(
             "send each reading at once; may be repeated; a folder is then written only with --out",
-            "jsonl:-|FILE|udp:PORT|zmq:PORT|mcap:FILE",
+            "jsonl:-|jsonl:FILE|mcap:FILE",
         ),
     ] = (),
     json_only: JsonOnly = False,

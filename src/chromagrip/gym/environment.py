@@ -337,13 +337,9 @@ class GripEnv(gymnasium.Env[Observation, Action]):
 
     def _picture(self) -> Image:
         """Picture for people: the camera's, or for two fingers one from the side."""
-        return {1: self._camera_picture, 2: self._side_picture}[self._rig.scene.fingers]()
-
-    def _camera_picture(self) -> Image:
-        return self._rig.picture().image
-
-    def _side_picture(self) -> Image:
         rig = self._rig
+        if rig.scene.fingers == 1:
+            return rig.picture().image
         if self._stage is None:
             size = (640, 480)  # width and height of the picture [px]
             self._stage = set_stage(build_pinch(rig.scene), rig.scene.duration_s, size, size)

@@ -99,16 +99,10 @@ def limit_of(scene: Scene, dropped_mm: float | None) -> float:
     UserError
         For a given limit with two fingers, whose scene has one.
     """
-    return 1e-3 * {1: _limit_of_one, 2: _limit_of_two}[scene.fingers](scene, dropped_mm)
-
-
-def _limit_of_one(scene: Scene, dropped_mm: float | None) -> float:
-    return dropped_mm or 1.0
-
-
-def _limit_of_two(scene: Scene, dropped_mm: float | None) -> float:
+    if scene.fingers == 1:
+        return 1e-3 * (dropped_mm or 1.0)
     if dropped_mm is not None:
         raise UserError(
             f"dropped_mm = {dropped_mm} is for one finger; with two, change pinch.dropped_mm"
         )
-    return scene.pinch.dropped_mm
+    return 1e-3 * scene.pinch.dropped_mm

@@ -108,10 +108,16 @@ def line_of_speed(seconds: float, updates: float, speed: float, late: int = 0) -
 
 def line_of_truth(sample: Sample) -> str:
     """True Γ and forces."""
-    return (
-        f"true: Γ {sample.field.safety_margin(sample.friction):.2f}, "
-        f"ΣFn {sample.field.total_normal:.2f} N, ΣFf {sample.field.total_friction:.2f} N"
-    )
+    field = sample.field
+    margin = field.safety_margin(sample.friction)
+    return line_of_forces("true", margin, field.total_normal, field.total_friction)
+
+
+def line_of_forces(
+    kind: str, margin: float, normal: float, friction: float, interval: str = ""
+) -> str:
+    """Γ with its interval, and the sums of the forces [N]."""
+    return f"{kind}: Γ {margin:.2f}{interval}, ΣFn {normal:.2f} N, ΣFf {friction:.2f} N"
 
 
 def line_of_estimate(observation: GripObservation | None) -> str:
@@ -124,8 +130,6 @@ def line_of_estimate(observation: GripObservation | None) -> str:
     if observation.no_estimate:
         return f"**no estimate:** {observation.no_estimate}"
     low, high = observation.margin_interval
-    field = observation.field
-    return (
-        f"estimated: Γ {observation.margin:.2f} ({low:.2f} to {high:.2f}), "
-        f"ΣFn {field.total_normal:.2f} N, ΣFf {field.total_friction:.2f} N"
-    )
+    normal, friction = observation.field.total_normal, observation.field.total_friction
+    interval = f" ({low:.2f} to {high:.2f})"
+    return line_of_forces("estimated", observation.margin, normal, friction, interval)

@@ -10,7 +10,7 @@ from ..errors import UserError
 from ..scene.controllers import CONTROLLERS
 from ..scene.scene import Body, Scene
 from .board import Board, line_of_estimate, line_of_speed, line_of_truth
-from .gate import LARGEST_FILE
+from .guard import LARGEST_FILE
 from .picture import picture_of
 from .session import Session, Shown
 from .sliders import OBJECTS, SliderValues, scene_for, slider_values
@@ -136,8 +136,8 @@ class Page:
         self._grip: Any = gui.add_slider("grip [N]", 0.0, 10.0, 0.01, first.grip, disabled=True)
         self._automatic.on_update(lambda _: self._take_over())
         self._grip.on_update(lambda _: self._ask_grip())
-        for label, name, low, high, step, hint in _ALWAYS + _OF_BODY[self._base.body]:
-            self._add_slider(label, name, low, high, step, hint, first)
+        for slider in _ALWAYS + _OF_BODY[self._base.body]:
+            self._add_slider(slider, first)
         buttons = gui.add_button_group("grasp", ("pause", "step", "restart"))
         buttons.on_click(lambda event: self._press(event.target.value))
         hint = "keeps the grasp from now on in a run folder, until it is pressed again"
@@ -147,29 +147,21 @@ class Page:
             self._add_choice("controller", "controller", tuple(CONTROLLERS.entries), first)
             self._add_choice("design", "sensor", _DESIGNS[self._base.body], first)
             {"chain": lambda first: None, "dome": self._add_object}[self._base.body](first)
-            for label, name, low, high, step, hint in _RESTARTING:
-                self._add_slider(label, name, low, high, step, hint, first)
+            for slider in _RESTARTING:
+                self._add_slider(slider, first)
 
     def _add_object(self, first: SliderValues) -> None:
         """Add the choice of the object, and its tilt."""
         self._objects = self._add_choice("object", "object", (_OF_THE_SCENE, *OBJECTS), first)
         self._add_upload()
-        self._add_slider("tilt [°]", "tilt", -20.0, 20.0, 1.0, "turn about y", first)
+        self._add_slider(("tilt [°]", "tilt", -20.0, 20.0, 1.0, "turn about y"), first)
 
-    def _add_slider(
-        self,
-        label: str,
-        name: str,
-        low: float,
-        high: float,
-        step: float,
-        hint: str,
-        first: SliderValues,
-    ) -> None:
+    def _add_slider(self, slider: Slider, first: SliderValues) -> None:
         """Add a slider; its first value is clipped to its ends."""
+        label, name, low, high, step, hint = slider
         value = min(max(getattr(first, name), low), high)
-        slider = self._server.gui.add_slider(label, low, high, step, value, hint=hint)
-        slider.on_update(lambda _: self._ask(**{name: slider.value}))
+        made = self._server.gui.add_slider(label, low, high, step, value, hint=hint)
+        made.on_update(lambda _: self._ask(**{name: made.value}))
 
     def _add_choice(
         self, label: str, name: str, options: tuple[str, ...], first: SliderValues

@@ -3,8 +3,7 @@
 import csv
 import math
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -59,14 +58,6 @@ class Recorder:
             self.tell(recording.finish())
         except UserError as error:
             self._drop(f"**not recorded:** {error}")
-
-    @contextmanager
-    def ending(self) -> Iterator[None]:
-        """Finish a recording at the end of the grasp, also after an error."""
-        try:
-            yield
-        finally:
-            self.finish()
 
     def _drop(self, sentence: str) -> None:
         self.wanted, recording, self._now = False, self._now, None

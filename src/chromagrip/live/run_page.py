@@ -4,11 +4,12 @@ import bisect
 import math
 import threading
 import time
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from ..loop.results.run_folder import RunRead
 from ..scene.fingers import need_one_finger
-from .board import Board
+from .board import Board, line_of_forces
 from .picture import blank_picture, unpacked
 from .replay import Replay, not_repeated
 from .serve import Address, announce, serving, ticks
@@ -105,7 +106,7 @@ class RunPage:
         passed, self._then = now - self._then, now
         if self._playing:
             there = self._end if self._replay.ended else self._reached()
-            self._now = min(self._now + passed * _factor(self._speed.value), there)
+            self._now = min(self._now + passed * float(Fraction(self._speed.value)), there)
             self._playing = self._now < self._end
             self._changed.set()
         if self._changed.is_set() or not self._replay.ended:
@@ -139,17 +140,9 @@ class RunPage:
         lines = [f"**t = {self._now:.2f} s** of {self._end:g} s, {run.folder.name}: a finished run"]
         if row is not None:
             for kind in ("true", "estimated"):
-                if math.isnan(row[f"normal_{kind}_n"]):
-                    continue
-                lines.append(
-                    f"{kind}: Γ {row[f'margin_{kind}']:.2f}, "
-                    f"ΣFn {row[f'normal_{kind}_n']:.2f} N, ΣFf {row[f'friction_{kind}_n']:.2f} N"
-                )
+                names = (f"margin_{kind}", f"normal_{kind}_n", f"friction_{kind}_n")
+                margin, normal, friction = (row[name] for name in names)
+                if not math.isnan(normal):
+                    lines.append(line_of_forces(kind, margin, normal, friction))
         lines.append(self._replay.words())
         return lines
-
-
-def _factor(text: str) -> float:
-    """Speed of a text such as 1/4."""
-    top, _, bottom = text.partition("/")
-    return float(top) / float(bottom or 1.0)

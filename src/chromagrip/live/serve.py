@@ -11,12 +11,11 @@ from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import quote
 
 from ..errors import UserError
 from ..extras import need
 from ..scene.scene import Scene
-from .gate import Gate, guarded
+from .guard import guarded
 from .page import Page
 from .record import Recorder
 from .session import Session
@@ -31,7 +30,7 @@ def token_for(given: str | None = None) -> str:
     Raises
     ------
     UserError
-        For a token that is easily guessed, or that is not possible in a cookie.
+        For a token that is easily guessed, or that is not possible in an address.
     """
     token = secrets.token_urlsafe(24) if given is None else given
     if len(token) < 16 or not all(c.isascii() and (c.isalnum() or c in "-_.") for c in token):
@@ -110,12 +109,12 @@ def serving(address: Address) -> "Iterator[viser.ViserServer]":
     viser = need("viser", "live")
     check_port(address.host, address.port)
     before = set(threading.enumerate())
-    gate = Gate(token=token_for(address.token), port=address.port)
-    with redirect_stdout(io.StringIO()), guarded(gate) as inbox:  # it prints a banner
+    token = token_for(address.token)
+    with redirect_stdout(io.StringIO()), guarded(token) as guis:  # it prints a banner
         server = viser.ViserServer(
             host=address.host, port=address.port, label="chromagrip", verbose=False
         )
-    inbox.server = server
+    guis.append(server.gui)
     own = set(threading.enumerate()) - before
     longest_wait = 3.0  # longest wait for the server's threads to end [s]
     try:
@@ -132,7 +131,7 @@ def announce(address: Address, server: "viser.ViserServer") -> None:
     """Report the page's address with its token."""
     shown = socket.gethostname() if address.host in ("0.0.0.0", "::") else address.host
     shown = f"[{shown}]" if ":" in shown else shown
-    address.ready(f"http://{shown}:{server.get_port()}/?token={quote(address.token)}")
+    address.ready(f"http://{shown}:{server.get_port()}/{address.token}")
 
 
 def ticks(seconds: float | None, every: float = 0.1) -> Iterator[None]:

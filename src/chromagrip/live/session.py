@@ -106,6 +106,8 @@ class Session(Background):
                     refused = sliders
                 else:
                     refused = None
+                finally:
+                    self.recorder.finish()
 
     def _grasp(self, sliders: SliderValues) -> None:
         """Run one grasp, until another has to begin."""
@@ -113,7 +115,7 @@ class Session(Background):
         methods = Methods.of_scene(scene)
         with self._lock:
             self._restart = False
-        with closing(Rig(scene, methods)) as rig, self.recorder.ending():
+        with closing(Rig(scene, methods)) as rig:
             controller = HoldingController(methods.build_controller(scene), scene.controller)
             first = rig.reset()
             controller.start(first)

@@ -13,24 +13,14 @@ from ..scene.scene import Body, Scene
 from ..scene.settings import LoadSettings
 from ..strict_toml import Kind, Values, convert
 
-#: Objects by their name on the page: changes to the scene's object.
+#: Objects by their name on the page: what their settings change of a plane.
 OBJECTS: dict[str, dict[str, object]] = {
-    "ball of 15 mm": {"shape": "ball", "radius_mm": 15.0, "size_mm": ()},
-    "ball of 6 mm": {"shape": "ball", "radius_mm": 6.0, "size_mm": ()},
-    "plane": {"shape": "ball", "radius_mm": math.inf, "size_mm": ()},
-    "box": {
-        "shape": "box",
-        "radius_mm": math.inf,
-        "size_mm": (12.0, 12.0, 12.0),
-        "rounding_mm": 1.5,
-    },
-    "cylinder": {
-        "shape": "cylinder",
-        "radius_mm": math.inf,
-        "size_mm": (6.0, 30.0),
-        "rounding_mm": 1.0,
-    },
-    "torus": {"shape": "torus", "radius_mm": math.inf, "size_mm": (8.0, 4.0)},
+    "ball of 15 mm": {"radius_mm": 15.0},
+    "ball of 6 mm": {"radius_mm": 6.0},
+    "plane": {},
+    "box": {"shape": "box", "size_mm": (12.0, 12.0, 12.0), "rounding_mm": 1.5},
+    "cylinder": {"shape": "cylinder", "size_mm": (6.0, 30.0), "rounding_mm": 1.0},
+    "torus": {"shape": "torus", "size_mm": (8.0, 4.0)},
 }
 
 

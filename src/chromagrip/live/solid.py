@@ -51,16 +51,8 @@ def half_sphere(radius: float) -> Array:
     rings = 16  # rings of a half sphere
     for ring in range(1, rings + 1):
         angle, around = 0.5 * math.pi * ring / rings, np.arange(6 * ring) * math.pi / (3 * ring)
-        points.append(
-            np.stack(
-                [
-                    math.sin(angle) * np.cos(around),
-                    math.sin(angle) * np.sin(around),
-                    np.full(6 * ring, math.cos(angle)),
-                ],
-                axis=-1,
-            )
-        )
+        x, y = math.sin(angle) * np.cos(around), math.sin(angle) * np.sin(around)
+        points.append(np.stack([x, y, np.full(6 * ring, math.cos(angle))], axis=-1))
     return radius * np.concatenate(points)
 
 

@@ -94,7 +94,7 @@ class FingertipView:
         server.initial_camera.look_at = tuple(_CONTACT)
         server.on_client_connect(_raise_contact)
 
-    def begin(self, points: Array, mesh: "trimesh.Trimesh | None") -> None:
+    def lay(self, points: Array, mesh: "trimesh.Trimesh | None") -> None:
         """Draw a skin at rest, and an object."""
         self._largest = 1e-6
         for handle in self._handles:
@@ -162,24 +162,17 @@ class FingertipView:
         self._arrows.colors = np.where(slips[:, None], SLIPS, STICKS).astype(np.uint8)
 
 
-class GraspView:
-    """The view of a grasp, whose scene may change.
+class GraspView(FingertipView):
+    """The view of a grasp, whose scene may change."""
 
-    Parameters
-    ----------
-    server: server of the page
-    """
-
-    def __init__(self, server: "viser.ViserServer") -> None:
-        self._view = FingertipView(server)
-        self._scene: Scene | None = None
-        self._draw: Draw
+    _scene: Scene | None = None
+    _draw: "Draw"
 
     def begin(self, scene: Scene) -> None:
         """Draw skin and object of a scene, unless they are drawn already."""
         if self._scene is None or _looks(scene) != _looks(self._scene):
             points, self._draw = _BODIES[scene.body](scene)
-            self._view.begin(points, object_mesh(scene.object))
+            self.lay(points, object_mesh(scene.object))
         self._scene = scene
 
     def drawn(self, sample: Sample, estimated: bool) -> Drawn:
@@ -189,10 +182,6 @@ class GraspView:
         if estimated and observation is not None and sample.tracks is not None:
             field, mu = observation.field, observation.friction
         return self._draw(sample.contact, field, mu)
-
-    def show(self, drawn: Drawn) -> None:
-        """Draw a frame."""
-        self._view.show(drawn)
 
 
 def _chain(scene: Scene) -> "tuple[Array, Draw]":

@@ -37,9 +37,6 @@ from .worker import Background
 if TYPE_CHECKING:
     import viser
 
-#: Longest wait for a watcher to end, so that one that waits for a camera does not block [s].
-_LAST = 2.0
-
 
 @dataclass(frozen=True, kw_only=True)
 class Looked:
@@ -132,7 +129,7 @@ class Watcher(Background):
     _steps: int = 0
     _restart: Event = field(default_factory=Event)
 
-    patience = _LAST
+    patience = 2.0  # one that waits for a camera must not block the end
 
     def restart(self) -> None:
         """Open the source again, with new frames at rest."""
@@ -233,7 +230,7 @@ class WatchPage:
         self._watcher: Watcher | None = None
         self._state = list[str]()
         self._view = FingertipView(server)
-        self._view.begin(_skin(looking), None)
+        self._view.lay(_skin(looking), None)
         label = "the source, with the motion of the markers × 4"
         self.board = Board(server, label, truth=False)
         buttons = server.gui.add_button_group("source", ("pause", "step", "restart"))

@@ -4,24 +4,6 @@ import threading
 from typing import Self
 
 
-class Worker(threading.Thread):
-    """A thread that ends with the program, and keeps the error that it raised."""
-
-    error: BaseException | None = None
-
-    def run(self) -> None:
-        """Do the work."""
-        try:
-            super().run()
-        except BaseException as error:
-            self.error = error
-
-    def check(self) -> None:
-        """Raise the error of the work, if there is one."""
-        if self.error is not None:
-            raise self.error
-
-
 class Background:
     """Work that goes on until it is stopped; a context.
 
@@ -31,11 +13,12 @@ class Background:
     """
 
     patience: float | None = None
+    _error: BaseException | None = None
 
     def __enter__(self) -> Self:
         """Begin."""
         self._stop = threading.Event()
-        self._thread = Worker(target=self._run, name=type(self).__name__, daemon=True)
+        self._thread = threading.Thread(target=self._work, name=type(self).__name__, daemon=True)
         self._thread.start()
         return self
 
@@ -46,7 +29,14 @@ class Background:
 
     def check(self) -> None:
         """Raise the error of the thread, if there is one."""
-        self._thread.check()
+        if self._error is not None:
+            raise self._error
+
+    def _work(self) -> None:
+        try:
+            self._run()
+        except BaseException as error:
+            self._error = error
 
     def _run(self) -> None:
         """Work until `_stop` is set."""

@@ -20,12 +20,8 @@ class Gripper(Protocol):
 class SimulatedGripper:
     """Accepts every force, without an object."""
 
-    def __init__(self) -> None:
-        self.force = 0.0
-
     def command(self, force: float) -> None:
         """Grip with a force from now on [N]."""
-        self.force = force
 
 
 #: Grippers by name.
@@ -34,35 +30,8 @@ GRIPPERS = Registry(
     package=__package__,
     entries={
         "simulated": (".gripper:SimulatedGripper", "accepts every force, without an object"),
-        "robotiq": (".modbus_grippers:Robotiq", "Robotiq 2F-85, 2F-140 and Hand-E"),
-        "onrobot": (".modbus_grippers:OnRobot", "OnRobot RG2 and RG6"),
-        "franka": (".franka:FrankaHand", "Franka Hand, through the package franky"),
     },
 )
-
-
-def force_within(limits: tuple[float, float], force: float, floor: bool, who: str) -> float:
-    """Force with which a gripper closes for a commanded one; 0 N is no closing.
-
-    Parameters
-    ----------
-    limits: least and greatest force with which it closes [N]
-    force: commanded force [N]
-    floor: close with the least force where less is commanded, but more than 0 N
-    who: gripper in messages
-
-    Raises
-    ------
-    UserError
-        For a force that it cannot hold.
-    """
-    least, most = limits
-    if floor and 0.0 < force < least:
-        return least
-    if force == 0.0 or least <= force <= most:
-        return force
-    less = f"; floor=true closes with {least:g} N for less" if 0.0 < force < least else ""
-    raise UserError(f"{who} cannot hold {force:g} N: it closes with {least:g} to {most:g} N{less}")
 
 
 class HeldGripper:

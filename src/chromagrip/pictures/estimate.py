@@ -17,7 +17,8 @@ from ..errors import UserError, located, meant
 from ..extras import lacking, table_suffix
 from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable, Row
 from ..output.versions import versions
-from ..publish import Publishers, check_targets, message_of
+from ..publish import check_targets, message_of, publishing
+from ..publish.targets import Send
 from ..render import Frame
 from ..sensing.observers import ForceObserver
 from ..sensing.reader import DEFAULT_WINDOW
@@ -196,8 +197,8 @@ def estimate_source(
         "friction_window_s": window,
     }
     doubt = method["reconstructor_doubt"]
-    with Publishers(publish) as publishers, opened_folder(out, overwrite, FILES):
-        rows = _Rows(read, opened, out, gains is not None, truth or {}, publishers, doubt)
+    with publishing(publish) as sends, opened_folder(out, overwrite, FILES):
+        rows = _Rows(read, opened, out, gains is not None, truth or {}, sends, doubt)
         summarise = partial(rows.summary, method)
         return follow(opened, rows.open_files, summarise, frames, out, progress, bool(publish))
 
@@ -254,7 +255,7 @@ class _Rows:
     out: folder of the files; None writes none
     flat: whether the rows are displacements of a flat pad
     truth: true value of each frame by column
-    publishers: where each reading is sent
+    sends: functions that send each reading to a target
     doubt: what was assumed of the pictures, in words
     """
 
@@ -265,10 +266,10 @@ class _Rows:
         out: Path | None,
         flat: bool,
         truth: Truth,
-        publishers: Publishers,
+        sends: Sequence[Send],
         doubt: str | None,
     ) -> None:
-        self._truth, self._publishers, self._doubt = truth, publishers, doubt
+        self._truth, self._sends, self._doubt = truth, sends, doubt
         columns = DISPLACEMENTS if flat else FORCES
         self._columns = [name for name, (kind, _) in columns.items() if kind != "list"]
         self._skipped = 0
@@ -291,12 +292,13 @@ class _Rows:
             self._clock.add(working_time() - begin)
             row |= {"frame": index, "time_s": frame.time}
             late = time.monotonic() - came.at
-            if self._publishers:
+            if self._sends:
                 message = message_of(
                     row, observation, late_s=late, skipped=came.skipped, columns=self._columns,
                     doubt=self._doubt,
                 )  # fmt: skip
-                self._publishers.send(message, frame)
+                for send in self._sends:
+                    send(message, frame)
                 late = time.monotonic() - came.at
             self._skipped = came.skipped
             self._kept.add(row, late)
@@ -335,7 +337,7 @@ class _Rows:
             "truth": dict(_compared(estimated, self._truth)),
             "mu_observable_frames": kept.observable,
             "ms_per_estimate": self._clock.milliseconds,
-            "published": bool(self._publishers),
+            "published": bool(self._sends),
             "late": kept.late,
             "skipped": self._skipped,
         }

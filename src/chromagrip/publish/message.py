@@ -8,11 +8,9 @@ import time
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from ..control import GripObservation
-from ..errors import UserError
 from ..model import ForceField
 from ..output.parquet import Row
 
@@ -43,55 +41,18 @@ def message_of(
     columns: columns that every message has, null where they are unknown
     doubt: what was assumed of the pictures, in words
     """
-    about: Message = dict.fromkeys((*columns, *_ALWAYS))
-    about |= {"schema": SCHEMA, "published_s": time.time(), "late_s": late_s, "skipped": skipped}
-    about["doubt"] = doubt
-    values = {name: value for name, value in row.items() if not isinstance(value, np.ndarray)}
-    if observation is None or observation.no_estimate:
-        return {**about, **values}
-    covariance = observation.field.wrench_covariance
-    known = covariance is not None and np.isfinite(covariance).all()
-    return {
-        **about,
-        **values,
-        "wrench_covariance": covariance.tolist() if covariance is not None and known else None,
-        "mu_observed": bool(observation.friction_observable),
-        "torsion_nmm": _finite(1e3 * observation.torsion),
-        "torsion_borne_nmm": _finite(1e3 * observation.torsion_borne),
-    }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def encoded(message: Message) -> bytes:
-    """JSON of a message, in one line without its end."""
-    return msgspec.json.encode(message)
-
-
-def decoded(data: bytes, place: str) -> Message:
-    """Message of its JSON.
-
-    Parameters
-    ----------
-    data: one JSON object
-    place: where it came from, for messages
-
-    Raises
-    ------
-    UserError
-        For data that are no message of this version.
-    """
-    try:
-        message = msgspec.json.decode(data)
-    except msgspec.DecodeError:
-        message = None
-    schema = message.get("schema") if isinstance(message, dict) else None
-    if schema != SCHEMA:
-        what = "no reading" if schema is None else f"a message of the schema {schema!r}"
-        raise UserError(f"{place} sent {what}; wanted: {SCHEMA!r}")
-    return dict(message)
+    message: Message = dict.fromkeys((*columns, *_ALWAYS))
+    message |= {"schema": SCHEMA, "published_s": time.time(), "late_s": late_s}
+    message |= {"skipped": skipped, "doubt": doubt}
+    message |= {name: value for name, value in row.items() if not isinstance(value, np.ndarray)}
+    if observation is not None and not observation.no_estimate:
+        covariance = observation.field.wrench_covariance
+        if covariance is not None and np.isfinite(covariance).all():
+            message["wrench_covariance"] = covariance.tolist()
+        message["mu_observed"] = bool(observation.friction_observable)
+        message["torsion_nmm"] = 1e3 * observation.torsion  # JSON has null for NaN
+        message["torsion_borne_nmm"] = 1e3 * observation.torsion_borne
+    return message
 
 
 def observation_of(message: Mapping[str, Any]) -> GripObservation:

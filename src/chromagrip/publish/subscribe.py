@@ -1,69 +1,42 @@
 """The other end of published readings, for controllers and loggers."""
 
-import select
-import socket
-import time
-from collections.abc import Callable
-from types import TracebackType
-from typing import Any, Self
+from threading import Condition, Thread
+from typing import IO
+
+import msgspec
 
 from ..errors import UserError
-from ..extras import need
-from .message import Message, decoded
-from .targets import address
-
-#: Longest datagram [bytes].
-_LONGEST = 65535
+from .message import SCHEMA, Message
 
 
 class Subscriber:
-    """Takes the newest message that has come; older ones that wait are left out. A context.
+    """Reads published lines of a pipe, and keeps the newest one that has come.
 
     Parameters
     ----------
-    source: `udp:PORT`, `udp:HOST:PORT`, `zmq:PORT` or `zmq:HOST:PORT` of `estimate --publish`
+    pipe: end of a pipe, such as `sys.stdin.buffer` or the `stdout` of a process; a thread reads it
 
     Attributes
     ----------
-    skipped: number of messages that were left out so far
-
-    Raises
-    ------
-    UserError
-        For a source of another kind, and a port that is in use.
+    skipped: number of messages so far that newer ones replaced
     """
 
-    def __init__(self, source: str) -> None:
-        self._source, self.skipped = source, 0
-        host, port = address(source)
-        self._wait: Callable[[float], bool]
-        self._take: Callable[[], bytes]
-        self._close: Callable[[], Any] | None
-        if source.startswith("udp:"):
-            made = socket.socket(
-                socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM
-            )
-            try:
-                made.bind((host, port))
-            except OSError as error:
-                made.close()
-                raise UserError(f"{source} cannot be listened to: {error.strerror}") from None
-            made.setblocking(False)
-            self._wait = lambda left: bool(select.select([made], [], [], left)[0])
-            self._take = lambda: made.recv(_LONGEST)
-            self._close = made.close
-        elif source.startswith("zmq:"):
-            zmq = need("zmq", "zmq")
-            context = zmq.Context()
-            made = context.socket(zmq.SUB)
-            made.setsockopt(zmq.SUBSCRIBE, b"")
-            made.setsockopt(zmq.LINGER, 0)
-            made.connect(f"tcp://{host}:{port}")
-            self._wait = lambda left: bool(made.poll(1e3 * left))
-            self._take = lambda: made.recv(zmq.NOBLOCK)
-            self._close = lambda: (made.close(), context.term())
-        else:
-            raise UserError(f"{source!r} is no source of messages; allowed are udp: and zmq:")
+    def __init__(self, pipe: IO[bytes]) -> None:
+        self.skipped, self._newest, self._changed = 0, b"", Condition()
+        self._reader = Thread(target=self._read, args=(pipe,), daemon=True)
+        self._reader.start()
+
+    def _read(self, pipe: IO[bytes]) -> None:
+        for line in pipe:
+            with self._changed:
+                self.skipped += bool(self._newest)
+                self._newest = line
+                self._changed.notify()
+
+    @property
+    def ended(self) -> bool:
+        """Whether the pipe has ended, and its last message was taken."""
+        return not (self._reader.is_alive() or self._newest)
 
     def next(self, timeout: float) -> Message | None:
         """Wait for a message, and return the newest; None if none comes in time [s].
@@ -71,30 +44,21 @@ class Subscriber:
         Raises
         ------
         UserError
-            For a message of another version, or that is none.
+            For a line that is no message of this version.
         """
-        end = time.monotonic() + timeout
-        if not self._wait(max(0.0, end - time.monotonic())):
-            return None
-        data = self._take()
-        while self._wait(0.0):
-            data = self._take()
-            self.skipped += 1
-        return decoded(data, self._source)
+        with self._changed:
+            self._changed.wait_for(lambda: self._newest, timeout)
+            line, self._newest = self._newest, b""
+        return _decoded(line) if line else None
 
-    def close(self) -> None:
-        """Close the connection; closing it again does nothing."""
-        close, self._close = self._close, None
-        if close is not None:
-            close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
+def _decoded(line: bytes) -> Message:
+    try:
+        message = msgspec.json.decode(line)
+    except msgspec.DecodeError:
+        message = None
+    schema = message.get("schema") if isinstance(message, dict) else None
+    if schema != SCHEMA:
+        what = "no reading" if schema is None else f"a message of the schema {schema!r}"
+        raise UserError(f"the pipe has {what}; wanted: {SCHEMA!r}")
+    return dict(message)
