@@ -8,7 +8,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import tomli_w
 from msgspec.structs import replace as changed
 
 from chromagrip.calibrate.dome.fit import Data
@@ -204,11 +203,6 @@ def test_a_file_gives_back_the_silicone(calibrated: Calibrated, tmp_path: Path) 
     # The yellow layer lies on the core, as designed.
     assert again.sensor.depths[1] == pytest.approx(dome.thickness)
     assert again.nominal == SHIPPED
-    assert again.silicone_covariance == calibrated.report.covariance
-    del table["fit"]["deviations"]["poisson"]
-    path.write_text(tomli_w.dumps(table), encoding="utf-8")
-    with pytest.raises(UserError, match="wanted: core_mm, poisson, magenta_depth_mm, young_kpa"):
-        load_calibration(str(path))
 
 
 @pytest.mark.parametrize(

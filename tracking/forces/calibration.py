@@ -14,7 +14,7 @@ from ...render import SensorDesign, load_sensor, sensor_names
 from ...strict_toml import Table, convert, read_toml
 from .displacement import DisplacementGains
 from .kept_readouts import kept_readout
-from .silicone_values import SiliconeValues, silicone_names, yellow_moves
+from .silicone_values import SiliconeValues, yellow_moves
 
 FORMAT: Literal["chromagrip calibration 1"] = "chromagrip calibration 1"
 
@@ -70,7 +70,6 @@ class SensorCalibration:
     readout: file of the trained read-out for this kind of sensor; None without one
     name: name of the sensor or of the calibration's file, for messages
     displacement: gains from image to displacement; None if not calibrated
-    silicone_covariance: covariance of the V parameters of `silicone_names`, (V, V), or empty
     design: design before the calibration; None if `sensor` is as designed
     """
 
@@ -82,7 +81,6 @@ class SensorCalibration:
     readout: Path | None = None
     name: str = field(default="", compare=False)
     displacement: DisplacementGains | None = None
-    silicone_covariance: tuple[tuple[float, ...], ...] = ()
     design: SensorDesign | None = field(default=None, compare=False)
 
     @property
@@ -264,7 +262,6 @@ def load_calibration(name: str) -> SensorCalibration:
     if file.silicone is not None:
         with located(title):
             calibration = with_silicone(calibration, file.silicone)
-            calibration = replace(calibration, silicone_covariance=_covariance(calibration, file))
     return replace(
         calibration,
         name=name,
@@ -278,26 +275,6 @@ def load_calibration(name: str) -> SensorCalibration:
         readout=folder / file.readout if file.readout else calibration.readout,
         displacement=file.displacement,
     )
-
-
-def _covariance(calibration: SensorCalibration, file: _File) -> tuple[tuple[float, ...], ...]:
-    """Covariance of the silicone's parameters in a file; empty without one.
-
-    Raises
-    ------
-    UserError
-        When it does not belong to the silicone's parameters.
-    """
-    if file.fit is None or not file.fit.covariance:
-        return ()
-    names, rows = silicone_names(calibration.sensor), file.fit.covariance
-    if tuple(file.fit.deviations) != names or {len(rows), *map(len, rows)} != {len(names)}:
-        raise UserError(
-            f"fit.deviations has {', '.join(file.fit.deviations) or 'nothing'}, and "
-            f"fit.covariance {len(rows)} rows; wanted: {', '.join(names)}, and as many rows of as "
-            "many numbers"
-        )
-    return rows
 
 
 def check_trainable(calibration: SensorCalibration) -> None:

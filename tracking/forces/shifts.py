@@ -33,13 +33,12 @@ class MarkerShifts:
     rest: tracks of the unloaded sensor
     reach: angle from the apex up to which pairs are used [rad]
     pose: pose of the specimen's camera; None: estimated from the rest frame
-    halves: whether to use pairs with only one marker visible at rest, e.g. if the other is worn off
 
     Attributes
     ----------
     sensor: calibrated design, with the design's camera
     pose: pose of the specimen's camera
-    pairs: indices of the used pairs in the tracks, shape (P,)
+    pairs: indices of the used pairs in the tracks, shape (P,): one marker may be worn off
     places: their places on the skin at rest, see `render.skin`, shape (2, P, 2); a missing marker
         gets the place of its partner
     measured: whether a pair has each measurement, shape (P, 6)
@@ -58,14 +57,12 @@ class MarkerShifts:
         rest: Tracks,
         reach: float,
         pose: CameraPose | None = None,
-        *,
-        halves: bool = False,
     ) -> None:
         self.sensor = sensor = calibration.sensor
         self.pose = rest_pose(sensor, rest) if pose is None else pose
         self._align = alignment(self.pose, sensor.view.camera, rest.position)
         there = rest.visible & ~rest.ambiguous
-        pairs = np.flatnonzero(there.any(axis=0) if halves else there.all(axis=0))
+        pairs = np.flatnonzero(there.any(axis=0))
         at_rest = self._align(rest.position[:, pairs])[..., :2]
         places = np.stack([sensor.places_at(p, k) for k, p in enumerate(at_rest)])
         places = np.where(there[:, pairs, None], places, places[::-1])

@@ -117,7 +117,7 @@ class Learned:
                 f"{tip.law} one of {tip.nodes}"
             )
         self._fingertip, self._readout, self._averaged = tip, readout, averaged
-        self._specimen = read_specimen(readout, MarkerShifts(calibration, rest, np.pi, halves=True))
+        self._specimen = read_specimen(readout, MarkerShifts(calibration, rest, np.pi))
         #: Displacement of the chain for each code and 1 [m], shape (K + 1, 2N).
         self._displacement = (
             readout.amounts @ readout.modes.reshape(len(readout.modes), -1)

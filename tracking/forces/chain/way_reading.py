@@ -48,7 +48,7 @@ class WayReading:
     ) -> None:
         self._settings, self._calibration = settings, calibration
         self._learned = Learned(calibration, rest)
-        self._shifts = MarkerShifts(calibration, rest, settings.reach, halves=True)
+        self._shifts = MarkerShifts(calibration, rest, settings.reach)
         self._filter = self._followed(0.0)
         self.reset()
 

@@ -94,7 +94,7 @@ class ContactReading:
     ) -> None:
         dome = calibration.sensor.round_dome("reconstructor contact")
         self.dome, self._settings = dome, settings
-        self._shifts = MarkerShifts(calibration, rest, math.pi / 2, halves=True)
+        self._shifts = MarkerShifts(calibration, rest, math.pi / 2)
         sensor = self._shifts.sensor
         self._response = DomeResponse(sensor, dome, self._shifts.places)
         self._fit = ContactFit(dome, self._response, settings.fit)

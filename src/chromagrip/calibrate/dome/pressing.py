@@ -58,7 +58,7 @@ class Pressing:
     def __init__(self, calibration: SensorCalibration, rest: Tracks, pose: CameraPose) -> None:
         dome = calibration.sensor.round_dome("a fit of presses")
         self.dome = dome
-        places = MarkerShifts(calibration, rest, np.inf, pose, halves=True).places
+        places = MarkerShifts(calibration, rest, np.inf, pose).places
         self._response = DomeResponse(calibration.sensor, dome, places)
         self._way = ContactWay(dome)
 

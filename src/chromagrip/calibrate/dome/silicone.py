@@ -46,7 +46,7 @@ def fit_presses(
         When no silicone near the design explains the presses, or they do not determine it.
     """
     pose = rest_pose(nominal.sensor, pressed.rest)
-    shifts = MarkerShifts(nominal, pressed.rest, np.inf, pose, halves=True)
+    shifts = MarkerShifts(nominal, pressed.rest, np.inf, pose)
     if not np.isfinite(shifts.rest_covariance).all():
         raise UserError(
             "the tracker does not state how certain places and sizes are, which a force "
@@ -78,7 +78,6 @@ def fit_presses(
     calibration = replace(
         with_silicone(nominal, values),
         stiffness_deviation=math.hypot(SILICONE_ERROR, read),
-        silicone_covariance=tuple(tuple(row) for row in own.tolist()),
     )
     return calibration, FitReport(
         presses=tuple(press.name for press in data.presses),
@@ -86,7 +85,7 @@ def fit_presses(
         error_px=_places_rms(error),
         normal_error_share=float(np.sqrt(np.mean(forces**2))),
         deviations=dict(zip(fit.names, spread.tolist(), strict=True)),
-        covariance=calibration.silicone_covariance,
+        covariance=tuple(tuple(row) for row in own.tolist()),
         undetermined=tuple(name for name, out in zip(fit.names, held, strict=True) if out),
     )
 
