@@ -67,18 +67,18 @@ def test_time_goes_where_it_is_put(viser_server: Any, dome_run: Path, until: Unt
         page._slider.value = 0.1
         page._moved(SimpleNamespace(client_id=0))  # a hand's
         page.tick()
-        assert page.now == pytest.approx(0.1)
+        assert page._now == pytest.approx(0.1)
         assert "**t = 0.10 s** of 0.3 s" in page.board._status.content
         assert arrows.shape != page._replay.view._arrows.points.shape
         page.press("step")
         page.tick()
-        assert page.now == pytest.approx(0.12)
+        assert page._now == pytest.approx(0.12)
         page.press("play")
-        until(lambda: (page.tick(), page.now > 0.15)[1])
+        until(lambda: (page.tick(), page._now > 0.15)[1])
         page.press("pause")
-        stands = page.now
+        stands = page._now
         page.tick()
-        assert page.now == stands
+        assert page._now == stands
 
 
 @pytest.mark.slow

@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ..errors import UserError
 from ..loop.rig import Rig
 from ..model.pinch import Outcome
@@ -71,7 +73,7 @@ def _status_of_two(rig: Rig, dropped: float, was_touched: bool) -> GripStatus:
         outcome=outcome,
         unpaid=outcome != "held",
         truth={
-            "margin_true": min(margins, key=_smaller),
+            "margin_true": float(np.min(margins)),  # NaN with a finger without contact
             "rigid_slip_mm": 1e3 * slid,
             "outcome": outcome,
             "slide_mm": 1e3 * record.slide,
@@ -79,11 +81,6 @@ def _status_of_two(rig: Rig, dropped: float, was_touched: bool) -> GripStatus:
             "pressure_kpa": 1e-3 * record.pressure,
         },
     )
-
-
-def _smaller(margin: float) -> float:
-    """Key that sorts margins; a finger without contact comes first."""
-    return -math.inf if math.isnan(margin) else margin
 
 
 def limit_of(scene: Scene, dropped_mm: float | None) -> float:

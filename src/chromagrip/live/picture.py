@@ -1,7 +1,5 @@
 """The camera's picture on the page."""
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +46,8 @@ def packed(image: Image) -> bytes:
     return cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
 
 
-def unpacked(data: bytes | Sequence[int]) -> Image:
+def unpacked(data: bytes) -> Image:
     """Decompress a packed picture."""
-    found = cv2.imdecode(np.frombuffer(bytes(data), np.uint8), cv2.IMREAD_COLOR)
+    found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     assert found is not None
     return np.ascontiguousarray(found[..., ::-1], np.uint8)

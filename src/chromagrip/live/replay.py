@@ -76,11 +76,6 @@ class Replay(Background):
     failed: str = ""
     differences: dict[str, float] = field(default_factory=dict)
 
-    @property
-    def every(self) -> int:
-        """Number of frames of the run for each kept one."""
-        return max(1, math.ceil(len(self.run.columns["time_s"]) / MOST))
-
     def at(self, time: float) -> Kept | None:
         """Last frame up to a time [s], or the first one; None before there are frames."""
         frames = self.frames[:]  # a copy: the thread appends to it
@@ -120,12 +115,14 @@ class Replay(Background):
 
     def _repeated(self) -> Iterator[Kept]:
         """Run the scene again, and yield its frames."""
+        count = len(self.run.columns["time_s"])
+        every = max(1, math.ceil(count / MOST))
         with closing(Rig(self.run.scene)) as rig:
             for index, sample in enumerate(gripped(rig, math.inf)):
-                if index >= len(self.run.columns["time_s"]) or self._stop.is_set():
+                if index >= count or self._stop.is_set():
                     return
                 self._compare(index, sample)
-                if index % self.every:
+                if index % every:
                     continue
                 picture = picture_of(rig.picture().image, sample.tracks, sample.rest)
                 yield Kept(

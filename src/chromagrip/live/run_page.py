@@ -78,11 +78,6 @@ class RunPage:
         self.board.finish()
         self._shown: list[Row] = []
 
-    @property
-    def now(self) -> float:
-        """Shown time [s]."""
-        return self._now
-
     def press(self, button: str) -> None:
         """Do the action of a button."""
         if button == "restart":

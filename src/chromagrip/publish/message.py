@@ -42,8 +42,8 @@ def message_of(
     doubt: what was assumed of the pictures, in words
     """
     message: Message = dict.fromkeys((*columns, *_ALWAYS))
-    message |= {"schema": SCHEMA, "published_s": time.time(), "late_s": late_s}
-    message |= {"skipped": skipped, "doubt": doubt}
+    message |= {"schema": SCHEMA, "published_s": time.time()}
+    message |= {"late_s": late_s, "skipped": skipped, "doubt": doubt}
     message |= {name: value for name, value in row.items() if not isinstance(value, np.ndarray)}
     if observation is not None and not observation.no_estimate:
         covariance = observation.field.wrench_covariance

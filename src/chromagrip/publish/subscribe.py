@@ -1,7 +1,7 @@
 """The other end of published readings, for controllers and loggers."""
 
 from threading import Condition, Thread
-from typing import IO
+from typing import IO, Any
 
 import msgspec
 
@@ -54,11 +54,10 @@ class Subscriber:
 
 def _decoded(line: bytes) -> Message:
     try:
-        message = msgspec.json.decode(line)
+        message: Message = msgspec.json.decode(line, type=dict[str, Any])
     except msgspec.DecodeError:
-        message = None
-    schema = message.get("schema") if isinstance(message, dict) else None
-    if schema != SCHEMA:
+        message = {}
+    if (schema := message.get("schema")) != SCHEMA:
         what = "no reading" if schema is None else f"a message of the schema {schema!r}"
         raise UserError(f"the pipe has {what}; wanted: {SCHEMA!r}")
-    return dict(message)
+    return message

@@ -92,7 +92,6 @@ def _mcap(path: Path, stack: ExitStack) -> Send:
             file.wrench(frame.time, "/wrench", force, torque)
         concern = message["no_estimate"] or message["doubt"]
         level = WARNING if concern else OK
-        status = Status("estimate", level, concern or "estimated", {})
-        file.diagnostics(frame.time, [status])
+        file.diagnostics(frame.time, [Status("estimate", level, concern or "estimated", {})])
 
     return send
