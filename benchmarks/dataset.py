@@ -17,9 +17,8 @@ from msgspec.structs import replace
 
 from benchmarks.parts import Part, parts_study
 from benchmarks.timing import clock, run_child
-from chromagrip.dataset.folder import FILES, file_digest, keep_recipe
+from chromagrip.dataset.folder import file_digest, keep_recipe
 from chromagrip.dataset.make import make
-from chromagrip.dataset.pictures import pictures_in
 from chromagrip.dataset.recipe import Recipe, load_recipe
 from chromagrip.dataset.sequence import sequence, shots, write_sequence
 from chromagrip.measure.study import Asked, Study, study
@@ -57,7 +56,6 @@ def dataset_study(asked: Asked) -> Study[Part, tuple[Row, ...]]:
     force, contact = load_recipe("force"), load_recipe("contact-3d")
     parts: dict[str, Callable[[Path], Iterator[Row]]] = {
         "speed": lambda folder: _speed_rows(force, folder, count),
-        "clean": lambda folder: _clean_rows(force, folder, count),
         "domes": lambda folder: _dome_rows(folder, count),
     }
     if not asked.quick:
@@ -111,31 +109,6 @@ def _speed_rows(recipe: Recipe, folder: Path, count: int) -> Iterator[Row]:
         cv2.imwrite(str(folder / "mesh.png"), shot.image[..., ::-1])
     ratio = (time.perf_counter() - begin) / _MESHED * frames / spent["whole"]
     yield at_least(("dataset", "over_pyrender_and_png"), ratio, "×", 6.0)
-
-
-def _clean_rows(recipe: Recipe, folder: Path, count: int) -> Iterator[Row]:
-    """Speed without noise, the size of a frame, and how many pictures are those with noise."""
-    recipe, out = replace(recipe, store="clean"), folder / "clean"
-    out.mkdir()
-    keep_recipe(recipe, out)
-    write_sequence(recipe, count, out)
-    begin = time.perf_counter()
-    for index in range(count):
-        write_sequence(recipe, index, out)
-    spent = time.perf_counter() - begin
-    pictures = {
-        path.name: pictures_in(path) for path in sorted(out.iterdir()) if (path / FILES).is_file()
-    }
-    frames = sum(map(len, pictures.values()))
-    rate = frames * count / (count + 1) / spent
-    yield at_least(("dataset", "clean", "speed"), rate, "frames/s", 350.0)
-    size = sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
-    yield reported(("dataset", "clean", "frame"), size / frames / 1e3, "kB")
-    same = compared = 0
-    for name, clean in pictures.items():
-        for image, noisy in zip(clean, pictures_in(folder / "speed" / name), strict=True):
-            compared, same = compared + 1, same + int((image == noisy).all())
-    yield within(("dataset", "clean", "same_pictures"), same, f"of {compared}", compared, compared)
 
 
 def _dome_rows(folder: Path, count: int) -> Iterator[Row]:

@@ -14,8 +14,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from chromagrip import Reader, Rig, load_scene, run
-from chromagrip.dataset import check_dataset, load_sequences
+from chromagrip import Rig, load_scene, run
 from chromagrip.live.replay import not_repeated
 from chromagrip.loop.results.reports import write_logs_again, write_reports
 from chromagrip.loop.results.run_folder import read_run
@@ -102,19 +101,6 @@ def test_a_switch_that_has_another_name_names_the_new_one(
     done = typed("grasp", "--set", "pinch.mass_g=100")
     assert done.returncode == 2
     assert "set fingers = 2" in done.stderr
-
-
-def test_a_dataset_is_whole_and_is_read() -> None:
-    assert check_dataset(BEFORE / "dataset") == 1
-    (sequence,) = load_sequences(BEFORE / "dataset")
-    rest = sequence.pictures.rest
-    reader = Reader("dome-2022", [rest], noise=1.0)
-    seen = [
-        reader.update(image, time)
-        for image, time in zip(sequence.images(), sequence.frames["time_s"], strict=True)
-    ]
-    true = [sequence.frames[f"force_{axis}_n"][-1] for axis in "xyz"]
-    assert seen[-1].wrench[:3] == pytest.approx(true, abs=0.1 * abs(true[2]))
 
 
 def test_a_calibration_is_what_it_says() -> None:

@@ -1,11 +1,18 @@
 """What tests of datasets share."""
 
+import hashlib
+import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
+from chromagrip.dataset.folder import FILES, MANIFEST
 from chromagrip.dataset.make import make
-from chromagrip.dataset.recipe import load_recipe
+from chromagrip.dataset.recipe import Recipe, load_recipe
 
 
 @pytest.fixture(scope="session")
@@ -14,3 +21,42 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("data") / "tiny"
     make(load_recipe("tiny"), folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def seed_dome(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset of one short sequence of a dome; not to be changed."""
+    scene = {
+        "body": "dome", "sensor": "dome-2022", "duration_s": 0.1,
+        "camera": {"rate_hz": 20.0, "noise_levels": 1.0},
+    }  # fmt: skip
+    draw: dict[str, Any] = {
+        "motion": {"choice": ["move"]}, "pose.press_share": {"uniform": [0.2, 0.3]}
+    }  # fmt: skip
+    folder = tmp_path_factory.mktemp("data") / "dome"
+    make(Recipe(sequences=1, scene=scene, draw=draw), folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def respelled() -> Callable[..., None]:
+    """Replaces a value of a table of the first sequence, and makes the checksums fit."""
+
+    def digest(path: Path) -> str:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+
+    def change(folder: Path, table: str, column: str, frame: int, value: Any) -> None:
+        path = folder / "sequence-000000" / f"{table}.parquet"
+        found = pq.read_table(path)
+        values, where = found[column].to_pylist(), found.column_names.index(column)
+        values[frame] = value if table == "frames" else [value] * len(values[frame])
+        changed = pa.array(values, found.schema.field(where).type)
+        pq.write_table(found.set_column(where, column, changed), path)
+        listed = json.loads((path.parent / FILES).read_text("utf-8"))
+        listed["files"][path.name] = digest(path)
+        (path.parent / FILES).write_text(json.dumps(listed), "utf-8")
+        manifest = json.loads((folder / MANIFEST).read_text("utf-8"))
+        manifest["sequences"][path.parent.name] = digest(path.parent / FILES)
+        (folder / MANIFEST).write_text(json.dumps(manifest), "utf-8")
+
+    return change

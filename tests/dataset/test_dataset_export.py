@@ -224,10 +224,10 @@ def test_statistics_for_lerobot_pass_over_what_is_not_known(
     assert np.isnan(np.array(rows)[:, 0, 5, 0]).tolist() == [False] * 7 + [True] * 7
 
 
-def test_lerobot_wants_one_number_of_markers(loaded: list[Loaded], tmp_path: Path) -> None:
+def test_lerobot_needs_one_number_of_markers(loaded: list[Loaded], tmp_path: Path) -> None:
     fewer = {name: loaded[1].markers[name][:, :790] for name in ("x_px", "y_px")}
     changed = [loaded[0], replace(loaded[1], markers=fewer)]
-    said = "sequence 1 has 395 markers of each colour, others 400; LeRobot wants one number for all"
+    said = "sequence 1 has 395 markers of each colour, not 400 markers"
     with pytest.raises(UserError, match=said):
         write_lerobot(iter(changed), tmp_path, {"train": 2})
 

@@ -41,25 +41,6 @@ def test_a_picture_comes_back_as_it_was(image: np.ndarray) -> None:
     assert (rows[:, 0] == 2).all()
 
 
-@given(arrays(np.uint8, SHAPES))
-def test_runs_come_back_as_they_were(image: np.ndarray) -> None:
-    wide = np.zeros((image.shape[0], 97 * image.shape[1], *image.shape[2:]), np.uint8)
-    wide[:, : image.shape[1]] = image
-    for picture in (image, wide, np.zeros_like(wide)):
-        data = encode_png(picture, runs=True)
-        np.testing.assert_array_equal(decoded(data, image.ndim == 2), picture)
-        zlib.decompress(packed(data))
-
-
-@pytest.mark.parametrize("zeros", [*range(1, 40), *range(250, 280), 513, 514, 515, 100_000])
-def test_runs_of_every_length_come_back(zeros: int) -> None:
-    picture = np.zeros((3, zeros + 30, 3), np.uint8)
-    picture[0, 7], picture[1, 7 + zeros], picture[2, :] = 9, 200, np.arange(3)
-    data = encode_png(picture, runs=True)
-    np.testing.assert_array_equal(decoded(data, False), picture)
-    assert len(zlib.decompress(packed(data))) == picture.size + 3
-
-
 @pytest.mark.parametrize("shape", [(480, 640, 3), (1, 30_000, 3), (3000, 1), (70, 1024)])
 @pytest.mark.parametrize("kind", ["noise", "all", "one", "edges"])
 def test_large_and_extreme_pictures_come_back(shape: tuple[int, ...], kind: str) -> None:

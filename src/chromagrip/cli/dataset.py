@@ -1,7 +1,7 @@
 """The commands `dataset …`: make, check, info, export, split, merge."""
 
 import sys
-from itertools import chain
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -28,8 +28,6 @@ Folder = Annotated[
 NewFolder = Annotated[
     str, option("new or empty folder, or an address such as s3://bucket/data", "DIR|URL")
 ]
-#: Largest difference of a part's share from the one asked for that is not told.
-_FAR = 0.05
 #: Largest number of sequences in a dataset.
 MOST_SEQUENCES = 10_000_000
 
@@ -62,14 +60,6 @@ def make(
             "reconstructor whose estimates are stored next to the labels; auto is the default of "
             "each sequence's body",
             "NAME",
-        ),
-    ] = None,
-    store: Annotated[
-        Literal["noisy", "clean"] | None,
-        option(
-            "pictures with noise, or clean ones in a tenth of the space to which readers add the "
-            "same noise",
-            "noisy|clean",
         ),
     ] = None,
     meshes: Annotated[
@@ -112,8 +102,6 @@ def make(
     loaded = replace(loaded, truth=tuple(dict.fromkeys((*loaded.truth, *truth))))
     if reading is not None:
         loaded = replace(loaded, reading=reading)
-    if store is not None:
-        loaded = replace(loaded, store=store)
     check_least(workers=(workers, 1))
     again: list[str] = []
     try:
@@ -162,9 +150,9 @@ def merge(
 
 
 def check(folder: Folder, *, follow_links: FollowLinks = False, json_only: Json = False) -> int:
-    """Verify checksums, counts, ranges and physics of a dataset; name the first bad sample.
+    """Verify checksums, columns, ranges and intervals of a dataset; name the first bad sample.
 
-    Pictures and labels of a frozen recipe must be as recorded, except for rounding.
+    It tells how many sequences of a frozen recipe are as recorded.
 
     Example: chromagrip dataset check data
     """
@@ -233,43 +221,57 @@ def split(
 ) -> int:
     """Split a dataset so that no two parts share a shape, object, sensor, …; writes split.json.
 
-    It prints the values of each part, and names the shapes that are in several parts.
+    It prints the values of each part, and how many shapes are in several parts.
 
     Example: chromagrip dataset split data --shares train=0.9,test=0.1 --by object
     """
-    from ..dataset.remote import SPLIT, fetched
-    from ..dataset.split import shared_shapes, values_of_parts
+    from ..dataset.remote import fetched
+    from ..dataset.split import groups_of
     from ..dataset.split import split as split_dataset
     from ..output.report import Table, table_lines
 
     check_least(seed=(seed, 0))
-    asked, there = _shares(shares), fetched(folder, follow_links)
-    kept = there / SPLIT
-    before = kept.read_bytes() if kept.is_file() else None
-    parts = split_dataset(folder, asked, seed, by=by, follow_links=follow_links)
+    parts = split_dataset(folder, _shares(shares), seed, by=by, follow_links=follow_links)
     counts = {name: len(names) for name, names in parts.items()}
     if json_only:
         print_values(counts, json_only)
         return 0
-    values = values_of_parts(there, parts)
-    lines = [("sequences", *map(str, counts.values()))]
-    lines += [(key, *(", ".join(each[part]) for part in parts)) for key, each in values.items()]
+    there = fetched(folder, follow_links)
+    lines = [("sequences", *map(str, counts.values())), *_drawn(there, parts)]
     print(*table_lines(Table(("", *parts), tuple(lines))), sep="\n")
-    for sentence in shared_shapes(there, parts):
-        print(f"{sentence}: --by shape keeps a shape in one part")
-    forms = values.get("object.shape", {})
-    if by == "shape" and sum(map(len, forms.values())) > len(set(chain(*forms.values()))):
+    of = {name: part for part, names in parts.items() for name in names}
+    shapes = [{of[name] for name in names} for names in groups_of(there, "shape")]
+    if leaking := len(shapes) > 1 and sum(len(own) > 1 for own in shapes):
         print(
-            "a shape is a form with its sizes, so that a form may be in several parts: "
-            "--by object.shape keeps each form in one"
+            f"{leaking} of {len(shapes)} shapes are in several parts: --by shape keeps each in one"
         )
-    found = {name: count / max(sum(counts.values()), 1) for name, count in counts.items()}
-    if any(abs(found[name] - share) > _FAR for name, share in asked.items()):
-        got = ", ".join(f"{name} {share:.0%}" for name, share in found.items())
-        print(f"the parts have {got} of the sequences: those of one {by} stay together")
-    if before not in (None, kept.read_bytes()):
-        print("an earlier split.json was replaced")
     return 0
+
+
+def _drawn(folder: Path, parts: dict[str, list[str]]) -> Iterator[tuple[str, ...]]:
+    """Lines of a table: values of each drawn key in each part, of keys with few values."""
+    from ..dataset.read import drawn_values
+    from ..dataset.recipe import dotted
+
+    few = 12
+    rows = {
+        part: [dotted(drawn_values(folder / name)) for name in names]
+        for part, names in parts.items()
+    }
+    for key in sorted({key for own in rows.values() for row in own for key in row}):
+        found = {
+            part: {v if isinstance(v := row.get(key), int | float) else str(v) for row in own}
+            for part, own in rows.items()
+        }
+        if len(set().union(*found.values())) <= few:
+            ordered = (sorted(own, key=lambda v: (isinstance(v, str), v)) for own in found.values())
+            yield (
+                key,
+                *(
+                    ", ".join(f"{v:g}" if isinstance(v, float) else f"{v}" for v in own)
+                    for own in ordered
+                ),
+            )
 
 
 def _shares(text: str) -> dict[str, float]:

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from ..folders import write_whole
 from ..output.figure import png
 from ..scene.scene import Scene
-from .folder import CARD, SHEET, read_files, sequence_name
+from .folder import CARD, SHEET, sequence_name
 from .labels import STATES, Column, columns_of
 from .labels.columns import Columns
 from .labels.reading import reading_lines
 from .labels.tables import Table, rows_file
-from .read import Loaded, load_sequence, tables
+from .read import Loaded, drawn_values, load_sequence, tables
 from .recipe import CASE, Case, Recipe, Values, bodies_of, cases_of, dotted
-from .split import drawn_row
 
 #: Pictures in a row of the sheet.
 _ACROSS = 4
@@ -47,10 +46,12 @@ Meshes and sensor designs that were given to it keep their own licences.
 def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     """Write the table, DATASET_CARD.md and contact-sheet.png."""
     names = [sequence_name(number) for number in numbers]
-    rows = [drawn_row(read_files(folder / name)) for name in names]
-    drawn = [{key: value for key, value in row.items() if key != "number"} for row in rows]
-    keys = ("number", *sorted({key for one in drawn for key in one}))
-    table, data = rows_file("sequences", [{key: row.get(key) for key in keys} for row in rows])
+    drawn = [drawn_values(folder / name) for name in names]
+    keys = sorted({key for one in drawn for key in one})
+    rows = zip(numbers, drawn, strict=True)
+    table, data = rows_file(
+        "sequences", [{"number": k} | {key: one.get(key) for key in keys} for k, one in rows]
+    )
     write_whole(folder / table, data)
     # Columns of frames whose histograms the card shows.
     counted = ["normal_n", "friction_n", "mu", "margin", "slipped_share"]

@@ -1,24 +1,17 @@
-"""Verification of a dataset: its files, its numbers, and their physics."""
+"""Verification of a dataset: its files, the columns of its tables, and ranges of their values."""
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..scene.scene import Body
-from .folder import FILES, Place, open_recipe, read_files
-from .frozen import content_of, frozen_as
-from .labels import Columns, columns_of
-from .labels.chain_physics import lawful_chain, wrong_chain
-from .labels.dome_physics import lawful_dome, wrong_dome
-from .labels.laws import Stored, differences, impossible, missing
-from .labels.reading import read_again
+from .folder import FILES, TABLE, Place, open_recipe, read_files, sequence_name
+from .labels import INTERVALS, Column, columns_of
+from .labels.tables import damaged, read_rows
 from .read import Loaded, check_shared, verified
 from .remote import fetched
-from .sequence import simulated, was_drawn
-from .split import drawn_rows
+from .sequence import was_drawn
 
 
 def check(
@@ -27,9 +20,7 @@ def check(
     *,
     follow_links: bool = False,
 ) -> int:
-    """Verify a dataset's checksums, counts, ranges and physics; returns its number of sequences.
-
-    Pictures and labels of a frozen recipe must equal the recorded ones, except for rounding.
+    """Verify a dataset's checksums, columns, ranges and intervals; returns its sequence count.
 
     Parameters
     ----------
@@ -45,9 +36,10 @@ def check(
     folder = fetched(folder, follow_links)
     manifest = check_shared(folder)
     recipe = open_recipe(folder)
-    frozen = frozen_as(recipe)
     names = manifest["sequences"]
-    drawn_rows(folder, list(names))
+    rows = read_rows(folder / TABLE, len(names), {"number": "int64"})
+    if sorted(sequence_name(row["number"]) for row in rows) != sorted(names):
+        raise damaged(folder / TABLE, "it is not of the sequences of the dataset")
     for done, (name, one) in enumerate(zip(names, verified(folder), strict=True)):
         if read_files(folder / name)["versions"] != manifest["versions"]:
             raise UserError(f"{folder / name} was made with other versions than the rest")
@@ -57,84 +49,60 @@ def check(
             raise UserError(
                 f"{folder / name / FILES} is damaged: values are not those that the recipe draws"
             )
-        for wrong in _wrong(one, recipe.reading):
+        for wrong in _wrong(one, bool(recipe.reading)):
             raise UserError(f"{folder / name}, {wrong}")
-        if frozen:
-            like = frozen.likeness(name, content_of(folder / name))
-            if like not in ("same", "rounded"):
-                raise UserError(
-                    f"{folder / name} has {like} than {frozen.name} was frozen with, so that "
-                    "scores on it cannot be compared with those of others"
-                )
         progress(done + 1, len(names))
     return len(names)
 
 
-def _wrong(one: Loaded, reading: str) -> Iterator[str]:
-    """Yield errors in the values of a sequence: file, frame, column, and the broken law.
+def _wrong(one: Loaded, reading: bool) -> Iterator[str]:
+    """Yield what is wrong with a sequence whose files are whole: file, frame, column and value.
 
     Parameters
     ----------
-    one: sequence, whose files are whole
-    reading: reconstructor whose estimates are stored with the labels; empty: no estimates
+    reading: whether a reconstructor's estimates are stored with the labels
     """
-    scene, columns = one.scene, columns_of(one.scene.body, bool(reading))
+    columns = columns_of(one.scene.body, reading)
     if list(one.frames) != list(columns.frame):
         yield f"frames.parquet: columns {list(one.frames)}, expected {list(columns.frame)}"
         return
-    if len(one.pictures) != scene.frames:
-        yield f"{len(one.pictures)} pictures; the scene has {scene.frames} frames"
+    if len(one.pictures) != one.scene.frames:
+        yield f"{len(one.pictures)} pictures; the scene has {one.scene.frames} frames"
         return
-    for index in range(scene.frames):
+    for index in range(one.scene.frames):
         try:
             _ = one.pictures[index]
         except UserError as error:
             yield f"frame {index}: the picture cannot be read: {error}"
-    stored = Stored(
-        scene=scene,
-        frames=one.frames,
-        markers=one.markers,
-        again=simulated(scene, one.values),
-    )
-    driven = one.values.get("motion") != "move"
-    read = read_again(scene, reading, one.pictures.rest, one.pictures) if reading else {}
-    yield from wrong_values(stored, columns, driven, read)
+    for name, column in columns.frame.items():
+        yield from _out_of_range(f"frames.parquet, frame {{}}: {name}", column, one.frames[name])
+    for name, column in (columns.markers | columns.nodes).items():
+        yield from _out_of_range(f"markers.parquet, frame {{}}: {name}", column, one.markers[name])
+    for low, value, high in INTERVALS.values() if reading else ():
+        ends = one.frames[low], one.frames[value], one.frames[high]
+        for k in np.flatnonzero((ends[0] > ends[1]) | (ends[1] > ends[2]))[:1]:
+            yield (
+                f"frames.parquet, frame {k}: {value} is {ends[1][k]:g}, outside of its interval, "
+                f"{low} = {ends[0][k]:g} to {high} = {ends[2][k]:g}"
+            )
 
 
-def wrong_values(
-    stored: Stored, columns: Columns, driven: bool, read: dict[str, NDArray[Any]]
-) -> Iterator[str]:
-    """Yield errors in the columns of a sequence.
+def _out_of_range(where: str, column: Column, values: NDArray[np.generic]) -> Iterator[str]:
+    """Yield a message on the first value that is not finite, or out of a column's range.
 
     Parameters
     ----------
-    stored: stored columns, of the right kinds and lengths
-    columns: expected columns
-    driven: whether grip and load move the object; otherwise its pose is prescribed
-    read: columns estimated again from its pictures; empty: no estimates
+    where: start of the message, with {} for the number of the frame
     """
-    kept = {"frames": stored.frames, "markers": stored.markers}
-    of = {"frames": columns.frame, "markers": columns.nodes | columns.markers}
-    absent = [f"{name}.parquet, {at}" for name in kept for at in missing(of[name], kept[name])]
-    yield from absent
-    if absent:  # the laws need all columns
+    if values.dtype.kind not in "if":
         return
-    lawful, wrong = _PHYSICS[stored.scene.body]
-    with np.errstate(all="ignore"):
-        frames, markers = lawful(stored)
-        broken = wrong(stored, driven)
-        for name, wrongs in (
-            ("markers", differences(columns.nodes, stored.markers, markers)),
-            ("frames", differences(columns.frame, stored.frames, frames | read)),
-            ("markers", differences(columns.markers, stored.markers, markers)),
-            ("frames", impossible(stored.frames)),
-            ("markers", broken),
-        ):
-            yield from (f"{name}.parquet, {one}" for one in wrongs)
-
-
-#: For each body: function of the columns that follow from others, and checks of its physics.
-_PHYSICS: dict[Body, tuple[Callable[[Stored], Any], Callable[[Stored, bool], Iterator[str]]]] = {
-    "chain": (lawful_chain, lambda stored, driven: wrong_chain(stored)),
-    "dome": (lawful_dome, lambda stored, driven: wrong_dome(stored, driven=driven)),
-}
+    rounding = 1e-6  # of float32
+    numbers = values.astype(float)
+    fits = (numbers >= column.low - rounding) & (numbers <= column.high + rounding)
+    fits &= np.isfinite(numbers)
+    if column.missing:
+        fits |= np.isnan(numbers)
+    for at in np.argwhere(~fits)[:1]:
+        cell = "".join(f"[{index}]" for index in at[1:])
+        allowed = f"{column.low:g} to {column.high:g}" + (", or NaN" if column.missing else "")
+        yield f"{where.format(at[0])}{cell} is {numbers[tuple(at)]:g}; allowed: {allowed}"

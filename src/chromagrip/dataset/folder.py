@@ -7,8 +7,8 @@
     DATASET_CARD.md, contact-sheet.png
     sensors/             the user's own, see `own_files`
     objects/             meshes
-    sequence-000000/     scene.toml, camera.yml, rest.png, frame-000.png … (see `pictures` for
-                         those without noise), frames.parquet, markers.parquet, truth-000.npz …
+    sequence-000000/     scene.toml, camera.yml, rest.png, frame-000.png …,
+                         frames.parquet, markers.parquet, truth-000.npz …
                          where the recipe has `truth`, files.json (versions, checksums)
 
 A sequence's folder gets its name when it is complete. No file holds a time or a host: the same
@@ -60,6 +60,8 @@ CAMERA = "camera.yml"
 TABLE = "sequences.parquet"
 #: Description of a dataset for people.
 CARD = "DATASET_CARD.md"
+#: Parts of a dataset, which its manifest does not list.
+SPLIT = "split.json"
 #: Some pictures of a dataset.
 SHEET = "contact-sheet.png"
 #: Folder of the user's own sensors.
@@ -71,8 +73,8 @@ OBJECTS = "objects"
 #: Names of sequences, of a sequence's files, and of the other files of a dataset.
 _SEQUENCE = re.compile("sequence-(?:[0-9]{6}|[1-9][0-9]{6})")
 _OF_SEQUENCE = re.compile(
-    r"scene\.toml|camera\.yml|(?:rest|clean)\.png|noise\.json|(?:frames|markers)\.(?:parquet|npz)|"
-    r"(?:frame|change)-[0-9]{3,8}\.png|truth-[0-9]{3,8}\.npz"
+    r"scene\.toml|camera\.yml|rest\.png|(?:frames|markers)\.(?:parquet|npz)|"
+    r"frame-[0-9]{3,8}\.png|truth-[0-9]{3,8}\.npz"
 )
 _OF_DATASET = re.compile(
     r"recipe\.toml|sequences\.(?:parquet|csv)|DATASET_CARD\.md|contact-sheet\.png|"

@@ -3,19 +3,17 @@
 import os
 import re
 import socket
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager, suppress
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 
 from ..errors import UserError
-from ..extras import need, require
+from ..extras import require
 from ..folders import disk_errors, prepared, remove, synced, whole_folder
 from ..output.processes import Progress, exit_on_sigterm, map_processes
 from ..strange_files import refuse_links
@@ -40,20 +38,15 @@ from .folder import (
     sequence_name,
     write_manifest,
 )
-from .frozen import refuse_older
 from .own_files import keep_files
 from .read import check_files, check_shared, verified
 from .recipe import Recipe, check_asked, difference, portable
-from .remote import Sender, fetch_begun, fetched, has_dataset, is_address, staged
+from .remote import begun, fetched, is_address, send, staged
 from .sequence import was_drawn, write_sequence
 
 Backend = Literal["joblib", "dask", "ray"]
-#: Number of sequences submitted to a cluster at a time: enough for many workers, and for memory.
-_WAITING = 2000
 #: End of the message of an interruption.
 _GO_ON = "what is done is kept, go on with --resume"
-#: Function that makes the sequence of a number, and returns the number.
-Job = Callable[[int], int]
 
 
 def make(
@@ -92,7 +85,7 @@ def make(
         For a folder of another recipe, a sequence that cannot be made, or a cluster that does not
         answer.
     """
-    _check_made(recipe)
+    check_asked(recipe)
     if is_address(out):
         how: dict[str, Any] = {"workers": workers, "shard": shard, "backend": backend}
         how |= {"address": address, "damaged": damaged}
@@ -110,10 +103,11 @@ def make(
         before = len(ours) - len(todo)
         progress(before, len(ours))
         results = _results(recipe, todo, out, workers, backend, address)
-        with _syncing(out, there) as sync, closing(results):
-            for done, number in enumerate(results, before + 1):
-                sync(number)
+        with closing(results):
+            for done, _ in enumerate(results, before + 1):
                 progress(done, len(ours))
+        with ThreadPoolExecutor() as pool:  # a disk waits for many files at once
+            list(pool.map(_sync, out.glob("sequence-*")))
         return _finish(out, recipe)
 
 
@@ -161,57 +155,18 @@ def _is_whole(path: Path, recipe: Recipe, digest: str | None) -> bool:
     )
 
 
-@contextmanager
-def _syncing(out: Path, there: Iterable[int]) -> Iterator[Callable[[int], None]]:
-    """Write sequences through to the disk in a thread; all are written at the end."""
-    waiting: deque[Future[None]] = deque()
-    with ThreadPoolExecutor(1) as pool:
-
-        def sync(number: int) -> None:
-            waiting.append(pool.submit(_sync, out / sequence_name(number)))
-            while waiting[0].done():
-                waiting.popleft().result()
-                if not waiting:
-                    return
-
-        for number in there:
-            sync(number)
-        yield sync
-        for future in waiting:
-            future.result()
-
-
 def _sync(folder: Path) -> None:
     for path in (*folder.iterdir(), folder):
         synced(path)
 
 
-def _check_made(recipe: Recipe) -> None:
-    """Refuse a recipe that cannot be made here."""
-    check_asked(recipe)
-    refuse_older(recipe)
-
-
 def _make_at(
     recipe: Recipe, place: str, resume: bool, progress: Progress, how: dict[str, Any]
 ) -> Manifest:
-    """Make a dataset in the user's cache, and copy each sequence to an address of fsspec."""
-    if has_dataset(place) and not resume:
-        raise UserError(f"{place} holds a dataset already; go on with --resume, or choose another")
-    folder = fetch_begun(place)
-    sender = Sender(folder, place)
-
-    def tell(done: int, total: int) -> None:
-        sender.send()
-        progress(done, total)
-
-    def again(names: list[str]) -> None:
-        sender.again(names)
-        damaged(names)
-
-    damaged = how.pop("damaged")
-    manifest = make(recipe, folder, resume=True, progress=tell, damaged=again, **how)
-    sender.finish()
+    """Make a dataset in the user's cache, and copy it to an address of fsspec."""
+    folder = begun(place, resume)
+    manifest = make(recipe, folder, resume=True, progress=progress, **how)
+    send(folder, place)
     return manifest
 
 
@@ -283,14 +238,65 @@ def _results(
     if backend == "joblib":
         yield from map_processes(job, todo, workers, advice=_GO_ON)
     elif todo:
-        cluster = _dask if backend == "dask" else _ray
-        with exit_on_sigterm(), closing(cluster(job, todo, workers, address)) as numbers:
-            yield from numbers
+        with exit_on_sigterm(), closing(_on_cluster(job, todo, backend, workers, address)) as made:
+            yield from made
 
 
 def _make(recipe: bytes, out: str, number: int) -> int:
     """Make one sequence, in this process or in a worker."""
     return write_sequence(msgspec.msgpack.decode(recipe, type=Recipe), number, Path(out))
+
+
+def _on_cluster(
+    job: Callable[[int], int], todo: list[int], backend: Backend, workers: int, address: str
+) -> Generator[int, None, None]:
+    """Make sequences by joblib on a cluster that is started, or is at an address."""
+    from joblib import Parallel, delayed, parallel_config
+
+    name = backend.title()
+    require(backend)
+    if address and (backend, address) != ("ray", "auto"):  # the cluster of this machine
+        _check_cluster(name, address)
+    with ExitStack() as opened:
+        try:
+            settings, failures = (_dask if backend == "dask" else _ray)(opened, workers, address)
+        except (OSError, RuntimeError) as error:
+            raise _absent(name, address, error) from None
+        # Ray's backend returns lists alone, so that progress is told after each.
+        kind, size = ("list", 200) if backend == "ray" else ("generator_unordered", len(todo))
+        with parallel_config(backend, **settings):
+            parallel = Parallel(n_jobs=-1, batch_size=1, return_as=kind)
+        try:
+            with parallel:
+                for first in range(0, len(todo), size):
+                    numbers = todo[first : first + size]
+                    yield from parallel(delayed(job)(number) for number in numbers)
+        except failures as error:
+            text = (str(error) or type(error).__name__).splitlines()[0]
+            raise UserError(f"the {name} cluster failed: {text} ({_GO_ON})") from None
+
+
+def _dask(opened: ExitStack, workers: int, address: str) -> tuple[dict[str, Any], Any]:
+    """Settings of joblib's backend Dask, and errors of a cluster that fails."""
+    from distributed import Client, KilledWorker, LocalCluster
+
+    cluster = address or opened.enter_context(
+        LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+    )
+    client = opened.enter_context(Client(cluster, timeout="10s"))
+    return {"client": client}, (KilledWorker, CancelledError, OSError)
+
+
+def _ray(opened: ExitStack, workers: int, address: str) -> tuple[dict[str, Any], Any]:
+    """Settings of joblib's backend Ray, and errors of a cluster that fails."""
+    import ray
+    from ray.util.joblib import register_ray
+
+    own = {"address": address} if address else {"num_cpus": workers, "include_dashboard": False}
+    ray.init(**own, log_to_driver=False, logging_level="error")
+    opened.callback(ray.shutdown)
+    register_ray()
+    return {}, ray.exceptions.RayError
 
 
 def _check_cluster(name: str, address: str) -> None:
@@ -306,65 +312,3 @@ def _check_cluster(name: str, address: str) -> None:
 
 def _absent(name: str, address: str, error: Exception) -> UserError:
     return UserError(f"there is no {name} cluster at {address}: {error}")
-
-
-def _first(error: BaseException) -> str:
-    """First line of a cluster's message, which may be pages long."""
-    return (str(error) or type(error).__name__).splitlines()[0]
-
-
-def _dask(job: Job, todo: list[int], workers: int, address: str) -> Generator[int, None, None]:
-    require("dask")
-    from distributed import Client, KilledWorker, LocalCluster, as_completed
-
-    if address:
-        _check_cluster("Dask", address)
-    with ExitStack() as opened:
-        try:
-            cluster = address or opened.enter_context(
-                LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
-            )
-            client = opened.enter_context(Client(cluster, timeout="10s"))
-        except OSError as error:
-            raise _absent("Dask", address, error) from None
-
-        # If a worker dies, the others make its sequences.
-        def submit(number: int) -> Any:
-            return client.submit(job, number, pure=False, retries=3)
-
-        remaining = iter(todo)
-        waiting = as_completed([submit(number) for number in islice(remaining, _WAITING)])
-        try:
-            for future in waiting:
-                yield future.result()
-                waiting.update([submit(number) for number in islice(remaining, 1)])
-        except KilledWorker as error:
-            raise UserError(f"{error.task} killed several workers in turn; {_GO_ON}") from None
-        except (CancelledError, OSError) as error:
-            raise UserError(f"the Dask cluster failed: {_first(error)} ({_GO_ON})") from None
-
-
-def _ray(job: Job, todo: list[int], workers: int, address: str) -> Generator[int, None, None]:
-    ray = need("ray", "ray")
-    quiet = {"log_to_driver": False, "logging_level": "error"}
-    own = {"address": address} if address else {"num_cpus": workers, "include_dashboard": False}
-    if address not in ("", "auto"):  # auto is the cluster of this machine
-        _check_cluster("Ray", address)
-    try:
-        ray.init(**own, **quiet)
-    except (OSError, RuntimeError) as error:
-        raise _absent("Ray", address, error) from None
-    try:
-        remote = ray.remote(max_retries=3)(lambda number: job(number))
-        remaining = iter(todo)
-        waiting = [remote.remote(number) for number in islice(remaining, _WAITING)]
-        while waiting:
-            ready, waiting = ray.wait(waiting)
-            yield from ray.get(ready)
-            waiting += [remote.remote(number) for number in islice(remaining, len(ready))]
-    except ray.exceptions.RayTaskError as error:
-        raise error.cause from None
-    except ray.exceptions.RayError as error:
-        raise UserError(f"the Ray cluster failed: {_first(error)} ({_GO_ON})") from None
-    finally:
-        ray.shutdown()

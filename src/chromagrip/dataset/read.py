@@ -7,14 +7,16 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..scene.scene import Scene, load_scene
-from ..strange_files import shortened
+from ..strange_files import read_small, shortened
 from .folder import (
     FILES,
+    SPLIT,
     Manifest,
     Place,
     check_named,
@@ -34,10 +36,9 @@ from .labels.tables import (
     read_table,
     table_in,
 )
-from .pictures import FRAME, Pictures, pictures_in
+from .pictures import Pictures, pictures_in
 from .recipe import Values
 from .remote import fetched
-from .split import drawn_rows, names_of
 
 #: Columns of a table by name.
 Arrays = dict[str, NDArray[Any]]
@@ -55,7 +56,7 @@ class Loaded:
     frames: values of every frame, by column of FRAME, shape (T,)
     markers: values of markers and nodes in every frame, by column of MARKERS and NODES, shape
         (T, 2M), (T, M) or (T, N)
-    pictures: pictures of every frame; `pictures[t]` and `pictures.rest` read one from any store
+    pictures: pictures of every frame; `pictures[t]` and `pictures.rest` read one
     """
 
     number: int
@@ -106,8 +107,7 @@ def load_sequences(
         When the folder is not a complete dataset, is damaged, or has no such part.
     """
     folder = fetched(folder, follow_links)
-    names = list(read_manifest(folder)["sequences"]) if part is None else names_of(folder, part)
-    for name in names:
+    for name in names_of(folder, part):
         yield load_sequence(folder / name)
 
 
@@ -188,7 +188,7 @@ def load_sequence(where: Path) -> Loaded:
     scene = load_scene(str(where / "scene.toml"))
     view = scene.build_sensor().view
     pictures = pictures_in(where, (view.height, view.width))
-    names = [f"{FRAME[pictures.store]}-{k:03d}.png" for k in range(max(len(pictures), 1))]
+    names = [f"frame-{k:03d}.png" for k in range(max(len(pictures), 1))]
     for file, name in zip_longest([file.name for file in pictures.files], names):
         if file != name:
             raise UserError(f"{where / name} is missing; {MEND}")
@@ -239,12 +239,67 @@ def _check_frames(path: Path, table: Table, known: Iterable[str]) -> None:
         raise damaged(path, f"its frames are not 0 to {rows - 1}")
 
 
+def read_split(folder: Path) -> dict[str, list[str]]:
+    """Read the names of the sequences of each part; empty for a dataset that is not split.
+
+    Raises
+    ------
+    UserError
+        When the parts do not have each sequence of the dataset once.
+    """
+    path = folder / SPLIT
+    if not path.is_file():
+        return {}
+    try:
+        parts = msgspec.json.decode(read_small(path), type=dict[str, list[str]])
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        raise UserError(f"{path} is damaged; make it again with dataset split") from None
+    check_parts(parts, str(path))
+    named = sorted(name for names in parts.values() for name in names)
+    if named != sorted(read_manifest(folder)["sequences"]):
+        raise UserError(
+            f"{path} does not have each sequence of the dataset once; make it again with "
+            "dataset split"
+        )
+    return parts
+
+
+def check_parts(names: Iterable[str], where: str) -> None:
+    """Refuse names that lead elsewhere: the parts of an export are folders."""
+    for name in names:
+        if name in ("", ".", "..") or not name.isprintable() or set(name) & set("/\\"):
+            raise UserError(f"{where}: a part cannot be called {shortened(name)}")
+
+
+def names_of(folder: Path, part: str | None) -> list[str]:
+    """Names of the sequences of a part of a dataset, or of all.
+
+    Raises
+    ------
+    UserError
+        When there is no such part.
+    """
+    if part is None:
+        return list(read_manifest(folder)["sequences"])
+    parts = read_split(folder)
+    if part not in parts:
+        there = f"it has {', '.join(parts)}" if parts else "it is not split, see dataset split"
+        raise UserError(f"{folder} has no part {part!r}; {there}")
+    return parts[part]
+
+
+def drawn_values(sequence: Path) -> Values:
+    """Read the values drawn for a sequence; JSON holds infinity as text."""
+    values = read_files(sequence)["values"]
+    return {key: float(v) if v in ("inf", "-inf") else v for key, v in values.items()}
+
+
 def summarise(folder: Place, *, follow_links: bool = False) -> dict[str, object]:
     """Counts, drawn keys, size and versions of a dataset, for `chromagrip dataset info`."""
     folder = fetched(folder, follow_links)
     manifest, recipe = read_manifest(folder), open_recipe(folder)
     names = list(manifest["sequences"])
-    drawn = {key for row in drawn_rows(folder, names) for key in row}
+    drawn = {key for name in names for key in drawn_values(folder / name)}
     states: dict[str, int] = {}
     for table in tables(folder, names, ["slip_state"]):
         for state in table["slip_state"].tolist():
@@ -256,7 +311,7 @@ def summarise(folder: Place, *, follow_links: bool = False) -> dict[str, object]
         "of": recipe.sequences,
         "frames": sum(states.values()),
         "slip_states": states,
-        "drawn": sorted(drawn - {"number"}),
+        "drawn": sorted(drawn),
         "megabytes": round(size / 1e6, 1),
         "versions": manifest["versions"],
     }

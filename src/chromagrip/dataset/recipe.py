@@ -26,8 +26,6 @@ from ..tracking import DEFAULT_RECONSTRUCTOR, METHODS
 from .draws import How, check_draw, draw, ends
 from .labels import DOME_TRUTH
 
-#: Format of the kept pictures, see `pictures`.
-Store = Literal["noisy", "clean"]
 Truth = Literal["depth", "flow", "masks", "traction", "contact"]
 
 #: Kinds of motion: forces drive all except a `move`, which goes to a pose, only on a dome.
@@ -83,8 +81,6 @@ class Recipe(Table, frozen=True):
     truth: labels of every pixel, kept in addition to those of markers and forces
     reading: reconstructor whose estimates from the pictures are kept with the labels; `auto` is the
         one for a sequence's body; empty: no estimates
-    store: format of kept pictures: `noisy` as they are, `clean` without their noise, which is added
-        again when they are read
     scene: tables of a scene, the same in every sequence
     draw: key of a scene, with dots, or in OWN → its draw: `{ uniform = [low, high] }`,
         `{ log_uniform = [low, high] }`, `{ normal = [mean, deviation, low, high] }` (drawn again
@@ -97,7 +93,6 @@ class Recipe(Table, frozen=True):
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
     truth: tuple[Truth, ...] = ()
     reading: str = ""
-    store: Store = "noisy"
     scene: Values = msgspec.field(default_factory=dict)
     draw: dict[str, How] = msgspec.field(default_factory=dict)
     cases: tuple[Case, ...] = ()
@@ -350,12 +345,12 @@ def _refusal(recipe: Recipe, values: Values) -> str:
 
 
 def check_asked(recipe: Recipe) -> None:
-    """Refuse labels of pixels and readings that the bodies do not have, and an unsuitable store.
+    """Refuse labels of pixels and readings that the bodies do not have.
 
     Raises
     ------
     UserError
-        For such a label, reconstructor or store, with its name.
+        For such a label or reconstructor, with its name.
     """
     if recipe.reading:
         if recipe.reading not in (DEFAULT_RECONSTRUCTOR, *METHODS):
@@ -364,25 +359,9 @@ def check_asked(recipe: Recipe) -> None:
             raise UserError(f"no reading {recipe.reading!r}{question}; there is {allowed}")
         for body in bodies_of(recipe):
             reconstructor_for(body, recipe.reading)
-    if recipe.store == "clean":
-        for case in cases_of(recipe):
-            _check_clean(case)
     for label in recipe.truth:
         if label in DOME_TRUTH and set(bodies_of(recipe)) != {"dome"}:
             raise UserError(f'truth {label!r} needs a recipe with scene.body = "dome"')
-
-
-def _check_clean(case: Recipe) -> None:
-    """Refuse the store `clean` if a defect changes pictures after their noise."""
-    tables = {key: [value] for key, value in dotted(case.scene).items()}
-    # Defects that change a picture after its noise, so that the noise cannot be added again.
-    after_noise = ("defects.jpeg_quality", "defects.h264_crf")
-    for key in after_noise:
-        if any([*tables.get(key, []), *ends(case.draw.get(key, {"choice": []}))]):
-            raise UserError(
-                f'store = "clean" keeps pictures without noise, but {key} compresses them with it: '
-                'use store = "noisy"'
-            )
 
 
 def _check_body(recipe: Recipe, name: str, motions: list[Any]) -> None:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,13 +24,12 @@ from ..render import (
     Flaws,
     Membrane,
     Renderer,
-    add_noise,
     camera_text,
     load_sensor,
     open_renderer,
 )
 from ..scene.scene import Scene, dump_scene, relative, seen_from
-from ..sensing.camera import REST_NUMBER, map_of
+from ..sensing.camera import map_of
 from ..sensing.sensor import TactileSensor, body_of
 from .folder import CAMERA, FILES, FileList, file_digest, made_with, sequence_name
 from .labels import Shot, columns_of
@@ -44,7 +42,7 @@ from .labels.tables import (
     marker_table,
     table_file,
 )
-from .pictures import CLEAN, FRAME, NOISE, REST, change_png, noise_key
+from .pictures import REST
 from .recipe import Recipe, Values, drawn, pose_of, scene_of
 
 Image = NDArray[np.uint8]
@@ -116,38 +114,14 @@ def simulated(scene: Scene, values: Values) -> list[Sample]:
 
 
 def shots(recipe: Recipe, made: Sequence) -> tuple[Image, Iterator[Shot]]:
-    """Picture of the unloaded sensor, and an iterator over the frames.
-
-    Without noise where the recipe stores them so; readings are of the noisy pictures all the same.
-    """
+    """Picture of the unloaded sensor, and an iterator over the frames."""
     scene, sensor = made.scene, _sensor(made.scene)
-    clean = recipe.store == "clean"
     # A run begins where the object just touches.
-    rest = made.samples[0].contact.state
-    frames = labelled(scene, made.samples, sensor, recipe.truth, clean)
-    if not clean:
-        still = sensor.camera.expose_rest(rest, 1)[0].image
-        if recipe.reading:
-            frames = with_readings(scene, recipe.reading, still, frames)
-        return still, frames
-    still = sensor.camera.clean_rest(rest)
+    still = sensor.camera.expose_rest(made.samples[0].contact.state, 1)[0].image
+    frames = labelled(scene, made.samples, sensor, recipe.truth)
     if recipe.reading:
-        seen = _noisy(scene, still, REST_NUMBER)
-        frames = with_readings(
-            scene,
-            recipe.reading,
-            seen,
-            frames,
-            lambda shot: _noisy(scene, shot.image, int(shot.values["frame"])),
-        )
+        frames = with_readings(scene, recipe.reading, still, frames)
     return still, frames
-
-
-def _noisy(scene: Scene, clean: Image, index: int) -> Image:
-    """Picture of that number with the camera's noise."""
-    image = np.empty_like(clean)
-    add_noise(clean, scene.camera.noise_levels, scene.seed, index, out=image)
-    return image
 
 
 def _sensor(scene: Scene) -> TactileSensor:
@@ -201,16 +175,11 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
     place = {"position_mm": 1e3 * view.position, "port_mm": 1e3 * view.port}
     port = {"port_is_flat": view.flat, "refractive_index": view.index}
     keep(CAMERA, camera_text(view.camera, **place, **port).encode())
-    clean = recipe.store == "clean"
-    keep(CLEAN if clean else REST, encode_png(rest))
-    if clean:
-        key = noise_key(made.scene.camera.noise_levels, made.scene.seed)
-        keep(NOISE, msgspec.json.encode(key))
+    keep(REST, encode_png(rest))
     rows: list[Shot] = []
     for shot in frames:
         index = int(shot.values["frame"])
-        data = change_png(shot.image, rest) if clean else encode_png(shot.image)
-        keep(f"{FRAME[recipe.store]}-{index:03d}.png", data)
+        keep(f"frame-{index:03d}.png", encode_png(shot.image))
         if shot.truth:
             path = part / f"truth-{index:03d}.npz"
             np.savez_compressed(path, **shot.truth)  # type: ignore[arg-type]

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..extras import need
 from ..strange_files import array_names, read_arrays
-from .folder import Place, read_manifest
+from .folder import Place
 from .labels import STATES
 from .pictures import Pictures
-from .read import load_sequence
+from .read import load_sequence, names_of
 from .remote import fetched
-from .split import names_of
 
 
 class Frames:
@@ -55,7 +54,6 @@ class Frames:
     ) -> None:
         from_numpy = need("torch", "learn").from_numpy
         folder = fetched(folder, follow_links)
-        names = list(read_manifest(folder)["sequences"]) if part is None else names_of(folder, part)
         if not noise >= 0.0:
             raise UserError(f"noise = {noise} must not be negative")
         self._noise, self._seed, self._with_rest = noise, seed, with_rest
@@ -63,7 +61,7 @@ class Frames:
         self._places: list[tuple[int, int]] = []
         parts: dict[str, list[NDArray[Any]]] = {label: [] for label in labels}
         self._pixels: list[str] = []
-        for name in names:
+        for name in names_of(folder, part):
             one = load_sequence(folder / name)
             # A name of both, such as normal_n of a chain, is of the frame.
             columns = {**one.frames, **one.markers, **one.frames}

@@ -11,25 +11,18 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from .png_kernels import deflate_rows, deflate_runs
+from .png_kernels import deflate_rows
 
 
-def encode_png(image: NDArray[np.uint8], runs: bool = False) -> bytes:
-    """PNG file of a picture, 8 bits a channel, shape (H, W) or (H, W, 3).
-
-    Parameters
-    ----------
-    image: to write
-    runs: whether it is black almost everywhere: rows are written as they are, with runs of zeros
-    """
+def encode_png(image: NDArray[np.uint8]) -> bytes:
+    """PNG file of a picture, 8 bits a channel, shape (H, W) or (H, W, 3)."""
     height, width = image.shape[:2]
     rows = np.ascontiguousarray(image).reshape(height, -1)
     block_size = 1 << 16  # bytes that share a code
-    run_block = 1 << 18  # the same in a picture with runs
-    block = max(1, (run_block if runs else block_size) // (rows.shape[1] + 1))
+    block = max(1, block_size // (rows.shape[1] + 1))
     # At most 15 bits a byte, and some for each block's code.
     out = np.empty(rows.size // 2 + height + 64 * (height // block + 2), dtype=np.uint32)
-    size, adler = (deflate_runs if runs else deflate_rows)(rows, block, out)
+    size, adler = deflate_rows(rows, block, out)
     colour = 0 if image.ndim == 2 else 2  # types of PNG: of one channel, and of three
     header = struct.pack(">IIBBBBB", width, height, 8, colour, 0, 0, 0)
     zlib_header = b"\x78\x01"  # of a window of 32 kB, fastest

@@ -7,10 +7,8 @@ from ..compiled import njit
 
 Bytes = NDArray[np.uint8]
 
-#: Number of DEFLATE's literals with the end of a block, and with the lengths of runs (RFC 1951).
-_SYMBOLS, _WITH_RUNS = 257, 286
-#: Longest run that is used; 258 would have a code of its own (RFC 1951).
-_LONGEST_RUN = 257
+#: Number of DEFLATE's literals with the end of a block (RFC 1951).
+_SYMBOLS = 257
 #: Symbol of the end of a block (RFC 1951).
 _END = 256
 #: Longest code that DEFLATE allows [bits] (RFC 1951).
@@ -70,123 +68,12 @@ def deflate_rows(rows: Bytes, block: int, out: NDArray[np.uint32]) -> tuple[int,
         counts[0, _END] = 1
         code_lengths(counts[0], lengths)
         _canonical(lengths, codes)
-        _header(lengths, 0, last == height, writer, out)
+        _header(lengths, last == height, writer, out)
         _symbols(used, codes, lengths, writer, out)
         _put(codes[_END], lengths[_END], writer, out)
     bits, waiting, words = writer
     out[np.int64(words)] = np.uint32(bits)
     return 4 * int(words) + (int(waiting) + 7) // 8, (high << 16) | low
-
-
-@njit()
-def deflate_runs(rows: Bytes, block: int, out: NDArray[np.uint32]) -> tuple[int, int]:
-    """The same of rows as they are, with runs of zeros."""
-    height, width = rows.shape
-    data = np.zeros((block * (width + 1) + 7) // 8, dtype=np.uint64)
-    tokens = np.empty(block * (width + 1), dtype=np.uint32)
-    counts, lengths = np.empty(_WITH_RUNS, dtype=np.int64), np.empty(_WITH_RUNS, dtype=np.int64)
-    codes = np.empty(_WITH_RUNS, dtype=np.uint64)
-    low, high = 1, 0
-    writer = np.zeros(3, dtype=np.uint64)  # as above
-    for first in range(0, height, block):
-        last = min(first + block, height)
-        used = data.view(np.uint8)[: (last - first) * (width + 1)]
-        for y in range(first, last):
-            line = used[(y - first) * (width + 1) : (y - first + 1) * (width + 1)]
-            line[0] = 0  # no filter
-            now, part = rows[y], line[1:]
-            total, weighted = np.int64(0), np.int64(0)
-            for j in range(width):
-                part[j] = now[j]
-            for j in range(width + 1):
-                total += np.int64(line[j])
-                weighted += np.int64(width + 1 - j) * np.int64(line[j])
-            high = (high + (width + 1) * low + int(weighted)) % _BASE
-            low = (low + int(total)) % _BASE
-        size = _tokens(used, data, tokens)
-        counts[:] = 0
-        for i in range(size):
-            counts[tokens[i] & np.uint32(511)] += 1
-        counts[_END] = 1
-        code_lengths(counts, lengths)
-        _canonical(lengths, codes)
-        _header(lengths, 1, last == height, writer, out)
-        _put_tokens(tokens[:size], codes, lengths, writer, out)
-        _put(codes[_END], lengths[_END], writer, out)
-    bits, waiting, words = writer
-    out[np.int64(words)] = np.uint32(bits)
-    return 4 * int(words) + (int(waiting) + 7) // 8, (high << 16) | low
-
-
-@njit()
-def _put_tokens(
-    tokens: NDArray[np.uint32],
-    codes: NDArray[np.uint64],
-    lengths: NDArray[np.int64],
-    writer: NDArray[np.uint64],
-    out: NDArray[np.uint32],
-) -> None:
-    """Append tokens: a code, and of a run the extra bits and the distance 1, whose code is 0."""
-    own, whole = np.empty(_WITH_RUNS, dtype=np.uint64), np.empty(_WITH_RUNS, dtype=np.uint64)
-    for s in range(_WITH_RUNS):
-        extra = max(s - _END - 5, 0) // 4
-        own[s] = np.uint64(lengths[s])
-        whole[s] = np.uint64(lengths[s] + (extra + 1 if s > _END else 0))
-    bits, waiting, word = writer[0], writer[1], np.int64(writer[2])
-    for token in tokens:
-        symbol = token & np.uint32(511)
-        value = codes[symbol] | np.uint64(token >> np.uint32(9)) << own[symbol]
-        bits |= value << waiting
-        waiting += whole[symbol]
-        # Written always, counted where it is full.
-        out[word] = np.uint32(bits & np.uint64(0xFFFFFFFF))
-        full = waiting >> np.uint64(5)
-        word += np.int64(full)
-        bits >>= full << np.uint64(5)
-        waiting &= np.uint64(31)
-    writer[0], writer[1], writer[2] = bits, waiting, np.uint64(word)
-
-
-@njit()
-def _tokens(data: Bytes, words: NDArray[np.uint64], tokens: NDArray[np.uint32]) -> int:
-    """Symbols of bytes and of runs of zeros, with the extra bits of runs above 9 bits.
-
-    Parameters
-    ----------
-    data: of a block
-    words: the same, eight bytes at a time: a run is of whole words, so that few branches are wrong
-    tokens: result, as many as there are bytes at most
-
-    Returns
-    -------
-    Number of tokens.
-    """
-    count, word, whole = 0, 0, len(data) // 8
-    while word < whole:
-        first = word
-        while word < whole and words[word] == 0:
-            word += 1
-        left = 8 * (word - first)
-        if left:  # a zero, which is repeated
-            tokens[count] = 0
-            count, left = count + 1, left - 1
-        while left:
-            # The rest is never too short to be a run.
-            rest = (left if left <= _LONGEST_RUN else min(left - 8, _LONGEST_RUN)) - 3
-            extra = 0
-            while rest >> (extra + 3):
-                extra += 1
-            symbol = _END + 1 + 4 * extra + (rest >> extra)
-            tokens[count] = np.uint32(symbol | (rest & ((1 << extra) - 1)) << 9)
-            count, left = count + 1, left - rest - 3
-        if word < whole:
-            for j in range(8):
-                tokens[count + j] = data[8 * word + j]
-            count, word = count + 8, word + 1
-    for i in range(8 * whole, len(data)):
-        tokens[count] = data[i]
-        count += 1
-    return count
 
 
 @njit()
@@ -280,29 +167,27 @@ def _put(
 @njit()
 def _header(
     lengths: NDArray[np.int64],
-    distance: int,
     last: bool,
     writer: NDArray[np.uint64],
     out: NDArray[np.uint32],
 ) -> None:
-    """Begin a block: its code's lengths and that of the one distance, each in four bits.
+    """Begin a block: its code's lengths, and that no distance is used, each in four bits.
 
     Parameters
     ----------
     lengths: of the code, 0 for unused symbols
-    distance: length of the distance's code; 0 is no distance
     last: whether this is the last block
     """
     _put(np.uint64(1 if last else 0), 1, writer, out)
     _put(np.uint64(2), 2, writer, out)  # a code of its own
-    _put(np.uint64(len(lengths) - _SYMBOLS), 5, writer, out)  # 257 literals, and runs
+    _put(np.uint64(0), 5, writer, out)  # 257 literals
     _put(np.uint64(0), 5, writer, out)  # one distance
     _put(np.uint64(15), 4, writer, out)
     # Lengths of the lengths' code: three repeats, which are not used, then 0 to 15, four bits each.
     for k in range(19):
         _put(np.uint64(0 if k < 3 else 4), 3, writer, out)
     for s in range(len(lengths) + 1):
-        value = lengths[s] if s < len(lengths) else distance
+        value = lengths[s] if s < len(lengths) else 0
         turned = (value & 1) << 3 | (value & 2) << 1 | (value & 4) >> 1 | (value & 8) >> 3
         _put(np.uint64(turned), 4, writer, out)
 

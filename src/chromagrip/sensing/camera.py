@@ -135,10 +135,6 @@ class SimulatedCamera:
             for clean, number in zip(cleans, numbers, strict=True)
         ]
 
-    def clean_rest(self, state: State | DomeState) -> Image:
-        """Take the first picture of a state at rest before `add_noise`, shape (H, W, 3)."""
-        return self._imaging.measured(self._render(state.carried), REST_NUMBER)
-
     def close(self) -> None:
         """Release the renderer."""
         self._renderer.close()

@@ -220,11 +220,6 @@ def _refuse_home(folder: Path) -> None:
     if (folder / "manifest.json").is_file() and any(folder.glob("sequence-*")):
         one = min(folder.glob("sequence-*"))
         raise UserError(f"folder {folder} is a dataset: give one of its sequences, such as {one}")
-    if (folder / "noise.json").is_file() and (folder / "clean.png").is_file():
-        raise UserError(
-            f"folder {folder} keeps its pictures without noise (store clean): make the dataset "
-            "with --store noisy, or take the pictures of `chromagrip dataset export`"
-        )
 
 
 def read_picture(

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from ...errors import UserError
 from ...render import LAYERS
 from ..folder import Place, link
-from ..read import Loaded, check_shared, verified
+from ..read import Loaded, check_shared, read_split, verified
 from ..remote import fetched, staged
-from ..split import read_split
 from .lerobot import write_lerobot
 
 #: Function called with the number of sequences done.
@@ -128,11 +127,8 @@ def _write_coco(sequences: Iterator[Loaded], out: Path) -> None:
             names = own
             for t in range(len(one.pictures)):
                 name = f"sequence-{one.number:06d}-frame-{t:03d}.png"
-                data = one.pictures.png(t)  # read in any case, as it may be damaged
-                if one.pictures.store == "noisy":
-                    link(one.pictures.files[t], out / "images" / name)
-                else:
-                    (out / "images" / name).write_bytes(data)
+                _ = one.pictures[t]  # it may be damaged
+                link(one.pictures.files[t], out / "images" / name)
                 number = len(images) + 1
                 images.append(
                     {"id": number, "file_name": name, "width": view.width, "height": view.height}
@@ -192,10 +188,11 @@ def _frames(sequences: Iterator[Loaded]) -> Iterator[dict[str, bytes]]:
             values = {name: _plain(column[t]) for name, column in one.frames.items()}
             text = json.dumps({"sequence": one.number, **values, "drawn": one.values})
             arrays = {name: column[t] for name, column in one.markers.items()}
+            _ = one.pictures[t]  # it may be damaged
             buffer = io.BytesIO()
             np.savez(buffer, **arrays)
             yield {
-                f"{key}.png": one.pictures.png(t),
+                f"{key}.png": one.pictures.files[t].read_bytes(),
                 f"{key}.json": text.encode(),
                 f"{key}.npz": buffer.getvalue(),
             }

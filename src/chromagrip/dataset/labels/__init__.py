@@ -1,30 +1,16 @@
-"""Labels of the frames of a dataset: their columns, their true values and checks of their physics.
+"""Labels of the frames of a dataset: their columns and their true values.
 
 If a recipe asks for it, a reconstructor's estimates from the pictures are stored next to them.
 """
 
-from .columns import (
-    COMMON,
-    DOME_TRUTH,
-    INTERVALS,
-    MARKERS,
-    READ,
-    READING,
-    STATES,
-    Column,
-    Columns,
-    columns_of,
-)
-from .shot import SLIPPING, Shot
+from .columns import DOME_TRUTH, INTERVALS, READ, READING, STATES, Column, Columns, columns_of
+from .shot import Shot
 
 __all__ = [
-    "COMMON",
     "DOME_TRUTH",
     "INTERVALS",
-    "MARKERS",
     "READ",
     "READING",
-    "SLIPPING",
     "STATES",
     "Column",
     "Columns",

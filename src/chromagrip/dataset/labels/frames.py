@@ -31,7 +31,6 @@ def labelled(
     samples: Iterable[Sample],
     sensor: TactileSensor,
     truth: tuple[str, ...],
-    clean: bool = False,
 ) -> Iterator[Shot]:
     """Render the frames of a run with their labels.
 
@@ -41,7 +40,6 @@ def labelled(
     samples: samples of the run, with their truth
     sensor: sensor that takes the pictures
     truth: names of the per-pixel labels to compute
-    clean: whether to take the pictures without noise
     """
     design, camera = sensor.design, sensor.camera
     own = _OWN[scene.body](scene)
@@ -56,7 +54,7 @@ def labelled(
                 unloaded = marker_truth(design, camera.membrane(np.zeros_like(drive)))
             values, nodes, more = own(sample)
             yield Shot(
-                image=sensor.data.clean if clean else sensor.data.image,
+                image=sensor.data.image,
                 values=values,
                 markers=marker_labels(sensor.data.markers, unloaded) | more,
                 nodes=nodes,

@@ -21,8 +21,8 @@ from ...scene.scene import Scene
 from ...sensing.reader import Reader, known_sensor
 from ...tracking import CAMERA_RULE
 from .columns import INTERVALS, READ, READING
-from .laws import Table
 from .shot import Image, Shot
+from .tables import Table
 
 Array = NDArray[np.float64]
 Values = dict[str, float | int | str]
@@ -33,7 +33,6 @@ def with_readings(
     reconstructor: str,
     rest: Image,
     shots: Iterator[Shot],
-    noisy: Callable[[Shot], Image] = lambda shot: shot.image,
 ) -> Iterator[Shot]:
     """Add a reconstructor's estimates to the labels of frames.
 
@@ -43,24 +42,12 @@ def with_readings(
     reconstructor: name of the reconstructor; `auto`: the one for the scene's body
     rest: picture of the unloaded sensor
     shots: frames with their labels
-    noisy: function that returns the picture of a frame with noise
     """
     with one_thread():
         read = _reader(scene, reconstructor, rest)
         for shot in shots:
-            reading = read(Frame(image=noisy(shot), time=float(shot.values["time_s"])))
+            reading = read(Frame(image=shot.image, time=float(shot.values["time_s"])))
             yield replace(shot, values=shot.values | reading)
-
-
-def read_again(scene: Scene, reconstructor: str, rest: Image, images: Iterable[Image]) -> Table:
-    """Estimate again from a sequence's noisy pictures; arguments as in `with_readings`."""
-    with one_thread():
-        read = _reader(scene, reconstructor, rest)
-        rows = [
-            read(Frame(image=image, time=index * scene.period))
-            for index, image in enumerate(images)
-        ]
-    return {name: np.array([row[name] for row in rows]) for name in READING}
 
 
 def _reader(scene: Scene, reconstructor: str, rest: Image) -> Callable[[Frame], Values]:

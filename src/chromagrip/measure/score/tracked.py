@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ...dataset.folder import sequence_name
-from ...dataset.pictures import REST, shown
+from ...dataset.pictures import REST
 from ...dataset.read import verified
 from ...errors import UserError
 from ...pictures.track import track_source
@@ -46,17 +46,16 @@ def track_sequences(
         where, name = one.pictures.folder, sequence_name(one.number)
         tell(f"{tracker} follows {name}")
         to, design = out / name, one.scene.sensor
-        with shown(where) as source:
-            try:
-                outcome = track_source(
-                    str(source / REST), str(source), palette=design, tracker=tracker, out=to
-                )
-                if outcome.broken is not None:
-                    raise UserError(outcome.broken)
-            except UserError as error:
-                for _ in one.pictures:
-                    pass  # a picture that cannot be read is not the tracker's fault
-                refused[name] = str(error).replace(f"{source}/", "")
-                if len(refused) == len(names):
-                    raise UserError(f"{tracker}, {name}: {refused[name]}") from None
+        try:
+            outcome = track_source(
+                str(where / REST), str(where), palette=design, tracker=tracker, out=to
+            )
+            if outcome.broken is not None:
+                raise UserError(outcome.broken)
+        except UserError as error:
+            for _ in one.pictures:
+                pass  # a picture that cannot be read is not the tracker's fault
+            refused[name] = str(error).replace(f"{where}/", "")
+            if len(refused) == len(names):
+                raise UserError(f"{tracker}, {name}: {refused[name]}") from None
     return refused
