@@ -226,10 +226,11 @@ def test_estimators_are_never_given_the_truth() -> None:
 def test_nothing_heavy_is_imported_before_it_is_used() -> None:
     """By one process that imports one after another: what one brings, the next ones have too."""
     heavy = {
-        "chromagrip.model": "cv2 OpenGL pyrender matplotlib av pyarrow",
-        "chromagrip.control": "cv2 OpenGL pyrender matplotlib av pyarrow",
-        "chromagrip.tracking": "OpenGL pyrender matplotlib av pyarrow",
-        "chromagrip.loop.run": "OpenGL pyrender",
+        "chromagrip.model": "cv2 OpenGL pyrender matplotlib av pandas pyarrow",
+        "chromagrip.control": "cv2 OpenGL pyrender matplotlib av pandas pyarrow",
+        "chromagrip.tracking": "OpenGL pyrender matplotlib av pandas pyarrow",
+        "chromagrip.cli.app": "OpenGL pyrender matplotlib av pandas pyarrow",
+        "chromagrip.loop.run": "OpenGL pyrender av pandas pyarrow",
     }
     code = "import sys\n" + "\n".join(
         f"import {module}; print(*({set(names.split())!r} & set(sys.modules)))"

@@ -1,6 +1,5 @@
 """Datasets: the same bytes however they are made, nothing half-written, and physics that holds."""
 
-import csv
 import hashlib
 import json
 import math
@@ -29,7 +28,6 @@ from chromagrip.dataset import load_sequences
 from chromagrip.dataset.card import _shape_name
 from chromagrip.dataset.check import check
 from chromagrip.dataset.folder import FILES, MANIFEST, TABLE, sequence_name
-from chromagrip.dataset.labels.tables import read_table
 from chromagrip.dataset.make import Backend, make, merge
 from chromagrip.dataset.recipe import Recipe, drawn, load_recipe, recipe_names, scene_of
 from chromagrip.dataset.sequence import sequence, shots
@@ -760,57 +758,6 @@ def test_an_estimate_before_the_end_is_not_called_the_last(
         assert said in " ".join(capsys.readouterr().out.split())
         summary = json.loads((tmp_path / "out" / "summary.json").read_text("utf-8"))
         assert (summary["frames"], summary["last_estimate"]) == (2 + dark, 1)
-
-
-def test_without_pyarrow_a_dataset_has_other_tables_with_the_same_values(
-    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = list(load_sequences(tiny))
-    monkeypatch.setattr(
-        "chromagrip.extras.find_spec", lambda name: None if name == "pyarrow" else object()
-    )
-    dataset_folder.made_with.cache_clear()
-    bare = tmp_path / "bare"
-    try:
-        manifest = make(TINY, bare)
-    finally:
-        dataset_folder.made_with.cache_clear()
-    assert "pyarrow" not in manifest["versions"]
-    assert not list(bare.rglob("*.parquet"))
-    assert check(bare) == 3
-    assert split(bare, {"a": 0.5, "b": 0.5}, by="object").keys() == {"a", "b"}
-    with (bare / "sequences.csv").open(newline="") as file:
-        assert [row["number"] for row in csv.DictReader(file)] == ["0", "1", "2"]
-    for one, other in zip(whole, load_sequences(bare), strict=True):
-        assert one.values == other.values
-        for mine, theirs in ((one.frames, other.frames), (one.markers, other.markers)):
-            assert mine.keys() == theirs.keys()
-            for name, values in mine.items():
-                assert values.dtype == theirs[name].dtype
-                np.testing.assert_array_equal(values, theirs[name])
-    with pytest.raises(UserError, match="needs the extra `data`"):
-        list(load_sequences(tiny))
-
-
-@pytest.mark.parametrize("spoil", ["short", "kind", "lost", "torn", "pickle"])
-def test_a_damaged_table_of_arrays_is_named(tiny: Path, tmp_path: Path, spoil: str) -> None:
-    path = tmp_path / "frames.npz"
-    table = {"frame": np.arange(7, dtype=np.int32), "normal_n": np.zeros(7), "word": np.array("a")}
-    table["word"] = np.array(["stick"] * 7)
-    if spoil == "short":
-        table["normal_n"] = np.zeros(6)
-    if spoil == "kind":
-        table["normal_n"] = np.zeros(7, np.float32)
-    if spoil == "lost":
-        del table["normal_n"]
-    if spoil == "pickle":
-        table["normal_n"] = np.array([print] * 7, object)
-    np.savez(path, allow_pickle=True, **table)
-    if spoil == "torn":
-        path.write_bytes(path.read_bytes()[:-30])
-    kinds = {"frame": "int32", "normal_n": "float64", "word": "string"}
-    with pytest.raises(UserError, match=r"frames\.npz is damaged: .*copy the dataset again"):
-        read_table(path, 7, kinds)
 
 
 def test_parts_come_near_their_shares_of_sequences_though_shapes_are_unevenly_many(

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from ..folders import write_whole
 from ..output.figure import png
 from ..scene.scene import Scene
-from .folder import CARD, SHEET, read_files, sequence_name
+from .folder import CARD, SHEET, TABLE, read_files, sequence_name
 from .labels import STATES, Column, columns_of
 from .labels.columns import Columns
 from .labels.reading import reading_lines
-from .labels.tables import Table, rows_file
+from .labels.tables import Table, rows_bytes
 from .read import Loaded, load_sequence, tables
 from .recipe import CASE, Case, Recipe, Values, bodies_of, cases_of, dotted
 from .split import drawn_row
@@ -50,8 +50,7 @@ def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     rows = [drawn_row(read_files(folder / name)) for name in names]
     drawn = [{key: value for key, value in row.items() if key != "number"} for row in rows]
     keys = ("number", *sorted({key for one in drawn for key in one}))
-    table, data = rows_file("sequences", [{key: row.get(key) for key in keys} for row in rows])
-    write_whole(folder / table, data)
+    write_whole(folder / TABLE, rows_bytes([{key: row.get(key) for key in keys} for row in rows]))
     # Columns of frames whose histograms the card shows.
     counted = ["normal_n", "friction_n", "mu", "margin", "slipped_share"]
     if bodies_of(recipe) == ["dome"]:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...extras import need
 from ...output.video import VideoFile
 from ..labels import INTERVALS, STATES
 from ..read import Loaded
@@ -109,7 +108,8 @@ def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, in
         When the rate is no whole number, or rate, size of pictures or number of markers differ
         between sequences.
     """
-    pq = need("pyarrow.parquet", "data")
+    import pyarrow.parquet as pq
+
     data, video = out / f"data/{_FILE}.parquet", out / f"videos/{CAMERA}/{_FILE}.mp4"
     for path in (data, video):
         path.parent.mkdir(parents=True)
@@ -282,7 +282,8 @@ def _plain(stats: Stats) -> dict[str, list[Any]]:
 
 def _table(columns: Columns) -> "pa.Table":
     """Rows of an episode; an array of a frame is a list of lists."""
-    pa = need("pyarrow", "data")
+    import pyarrow as pa
+
     table = {}
     for name, values in columns.items():
         table[name] = pa.array(values.ravel())
@@ -293,7 +294,9 @@ def _table(columns: Columns) -> "pa.Table":
 
 def _write_meta(out: Path, episodes: list[dict[str, object]], tasks: list[str]) -> None:
     """Write the tables of the episodes and of the tasks."""
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     path = out / f"meta/episodes/{_FILE}.parquet"
     path.parent.mkdir(parents=True)
     pq.write_table(pa.Table.from_pylist(episodes), path)
@@ -302,7 +305,8 @@ def _write_meta(out: Path, episodes: list[dict[str, object]], tasks: list[str]) 
 
 def _tasks(tasks: list[str]) -> "pa.Table":
     """Table of tasks, whose index in pandas is their names."""
-    pa = need("pyarrow", "data")
+    import pyarrow as pa
+
     table = pa.table({"task_index": list(range(len(tasks))), "task": tasks})
     pandas = {
         "index_columns": ["task"],

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...errors import UserError
-from ...extras import need
 from ...folders import whole_file
 from ...loop.columns import columns_of
 from ...loop.results.trace_file import read_trace
@@ -208,7 +207,9 @@ def _run(job: Job) -> tuple[Cell, Trace | None]:
 
 
 def _write_trace(trace: Trace, path: Path) -> None:
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     path.parent.mkdir(exist_ok=True)
     table = pa.table({name: pa.array(trace[name]) for name in columns_of("chain")})
     with whole_file(path) as part:
