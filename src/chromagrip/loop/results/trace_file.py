@@ -65,15 +65,21 @@ def read_trace(
 
     try:
         with pq.ParquetFile(path) as file:
-            schema = file.schema_arrow
-            _check_rows(path, file.metadata.num_rows, max_rows)
+            rows, schema = file.metadata.num_rows, file.schema_arrow
+            if not 0 < rows <= max_rows:
+                allowed = f"a run has 1 to {max_rows}; for more give --max-rows N"
+                raise UserError(f"{path} has {rows} rows; {allowed}")
             there = _there(path, names, later, schema.names)
-            _check_kinds(path, {name: str(schema.field(name).type) for name in there})
+            for name in there:  # checked before they are decoded
+                kind = str(schema.field(name).type)
+                if not kind.startswith(("double", "float", "halffloat", "int", "uint")):
+                    said = f"column {name} holds {shortened(kind)}, not numbers"
+                    raise UserError(f"{path}: {said}; {MEND}")
             table = file.read(columns=there)
         columns = {name: table[name].cast("float64").to_numpy() for name in there}
+    except UserError:
+        raise
     except (OSError, ValueError, pa.ArrowException) as error:
-        if isinstance(error, UserError):
-            raise
         reason = shortened(str(error).split("\n")[0], 200)
         raise UserError(f"{path} cannot be read as a trace: {reason}; {MEND}") from None
     _check_values(path, columns)
@@ -89,19 +95,6 @@ def _there(path: Path, names: list[str], later: tuple[str, ...], found: list[str
             wrong = "no column" if count == 0 else f"{count} columns"
             raise UserError(f"{path} has {wrong} {name}; {MEND}")
     return there
-
-
-def _check_rows(path: Path, rows: int, most: int) -> None:
-    if not 0 < rows <= most:
-        allowed = f"a run has 1 to {most}; for more give --max-rows N"
-        raise UserError(f"{path} has {rows} rows; {allowed}")
-
-
-def _check_kinds(path: Path, kinds: Mapping[str, str]) -> None:
-    """Refuse columns that hold no numbers, before they are decoded."""
-    for name, kind in kinds.items():
-        if not kind.startswith(("double", "float", "halffloat", "int", "uint")):
-            raise UserError(f"{path}: column {name} holds {shortened(kind)}, not numbers; {MEND}")
 
 
 def _check_values(path: Path, columns: Mapping[str, Array]) -> None:
