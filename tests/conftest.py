@@ -87,9 +87,11 @@ def until() -> Callable[..., None]:
 
 
 @pytest.fixture
-def small_files() -> Iterator[Callable[[int], None]]:
+def small_files(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
     """Sets how large a file of this process may get [bytes], until the test ends."""
     resource = pytest.importorskip("resource")
+    # Python keeps a module that it could only write in part, as of pandas, which Arrow imports.
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     resource.setrlimit(resource.RLIMIT_FSIZE, before)

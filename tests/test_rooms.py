@@ -226,7 +226,8 @@ def test_nothing_heavy_is_imported_before_it_is_used() -> None:
         "chromagrip.model": "cv2 OpenGL pyrender matplotlib av pandas pyarrow",
         "chromagrip.control": "cv2 OpenGL pyrender matplotlib av pandas pyarrow",
         "chromagrip.tracking": "OpenGL pyrender matplotlib av pandas pyarrow",
-        "chromagrip.loop.run": "OpenGL pyrender",
+        "chromagrip.cli.app": "OpenGL pyrender matplotlib av pandas pyarrow",
+        "chromagrip.loop.run": "OpenGL pyrender av pandas pyarrow",
     }
     code = "import sys\n" + "\n".join(
         f"import {module}; print(*({set(names.split())!r} & set(sys.modules)))"

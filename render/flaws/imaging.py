@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...extras import need
 from ..colour import decoding_table, encode_srgb
 from ..design.dials import Defects
 from ..design.sensor import SensorDesign
@@ -176,7 +175,8 @@ def through_jpeg(image: Image, quality: int) -> Image:
 
 def through_h264(images: Sequence[Image], crf: int) -> list[Image]:
     """Images after H.264 in 4:2:0, as one stream; all of one shape."""
-    av = need("av", "video")
+    import av
+
     height, width = images[0].shape[:2]
     encoder = av.CodecContext.create("libx264", "w")
     # Chroma is stored for two by two pixels.

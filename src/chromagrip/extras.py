@@ -25,12 +25,10 @@ class Extra:
     purpose: str
 
 
-#: Extras of `pyproject.toml` by name; its extra `all` holds the first six.
+#: Extras of `pyproject.toml` by name; its extra `all` holds the first four.
 EXTRAS = {
     "images": Extra("skimage", "comparing pictures with each other"),
     "gl": Extra("pyrender", "the renderer pyrender"),
-    "data": Extra("pyarrow", "reading and writing Parquet tables"),
-    "video": Extra("av", "reading and writing videos"),
     "mesh": Extra("trimesh", "reading triangle meshes of objects"),
     "rl": Extra("gymnasium", "environments for Gymnasium"),
     "dask": Extra("distributed", "making datasets on a Dask cluster"),
@@ -81,33 +79,12 @@ def require(*extras: str, purpose: str = "") -> None:
         raise UserError(problem)
 
 
-def table_suffix(otherwise: str) -> str:
-    """Suffix of a table that is written: `.parquet`, or another one without the extra `data`."""
-    return ".parquet" if missing("data") is None else otherwise
-
-
-def lacking(table: str, video: str = "") -> list[str]:
-    """One sentence for each extra without which a folder has less.
-
-    Parameters
-    ----------
-    table: file that is written in place of a Parquet table, such as `trace.npz`
-    video: file of a video (default: the folder has none)
-    """
-    whole = f"{table.partition('.')[0]}.parquet"
-    purposes = {"data": f"{table} is written, as {whole}"}
-    if video:
-        purposes["video"] = f"there is no {video}, as a video"
-    told = (missing(extra, purpose=purpose) for extra, purpose in purposes.items())
-    return [sentence for sentence in told if sentence is not None]
-
-
 def need(module: str, extra: str) -> Any:
     """Import a module that an extra brings.
 
     Parameters
     ----------
-    module: full name of the module, such as `pyarrow.parquet`
+    module: full name of the module, such as `mcap.writer`
     extra: name in `EXTRAS`
 
     Raises

@@ -270,7 +270,7 @@ def test_a_missing_package_does_not_keep_the_doctor_from_naming_it() -> None:
 
     Nor can any other large one: the doctor needs none of them.
     """
-    absent = ["tyro", "cv2", "matplotlib", "numba", "numpy", "rich", "scipy"]
+    absent = ["tyro", "av", "cv2", "matplotlib", "numba", "numpy", "pandas", "pyarrow", "scipy"]
     absent += [extra.module for extra in EXTRAS.values()]
     code = (
         f"import sys; sys.modules.update(dict.fromkeys({absent})); "

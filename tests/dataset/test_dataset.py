@@ -27,7 +27,6 @@ from chromagrip.dataset import load_sequences
 from chromagrip.dataset.card import _shape_name
 from chromagrip.dataset.check import check
 from chromagrip.dataset.folder import FILES, MANIFEST, TABLE, sequence_name
-from chromagrip.dataset.labels.tables import read_table
 from chromagrip.dataset.make import Backend, make, merge
 from chromagrip.dataset.recipe import Recipe, drawn, load_recipe, recipe_names, scene_of
 from chromagrip.dataset.sequence import sequence, shots
@@ -615,27 +614,6 @@ def test_an_estimate_before_the_end_is_not_called_the_last(
         assert said in " ".join(capsys.readouterr().out.split())
         summary = json.loads((tmp_path / "out" / "summary.json").read_text("utf-8"))
         assert (summary["frames"], summary["last_estimate"]) == (2 + dark, 1)
-
-
-@pytest.mark.parametrize("spoil", ["short", "kind", "lost", "torn", "pickle"])
-def test_a_damaged_table_of_arrays_is_named(tiny: Path, tmp_path: Path, spoil: str) -> None:
-    path = tmp_path / "frames.npz"
-    table = {"frame": np.arange(7, dtype=np.int32), "normal_n": np.zeros(7), "word": np.array("a")}
-    table["word"] = np.array(["stick"] * 7)
-    if spoil == "short":
-        table["normal_n"] = np.zeros(6)
-    if spoil == "kind":
-        table["normal_n"] = np.zeros(7, np.float32)
-    if spoil == "lost":
-        del table["normal_n"]
-    if spoil == "pickle":
-        table["normal_n"] = np.array([print] * 7, object)
-    np.savez(path, allow_pickle=True, **table)
-    if spoil == "torn":
-        path.write_bytes(path.read_bytes()[:-30])
-    kinds = {"frame": "int32", "normal_n": "float64", "word": "string"}
-    with pytest.raises(UserError, match=r"frames\.npz is damaged: .*copy the dataset again"):
-        read_table(path, 7, kinds)
 
 
 def test_parts_come_near_their_shares_of_sequences_though_shapes_are_unevenly_many(

@@ -82,7 +82,7 @@ def test_runs_of_one_name_are_told_apart(held: Path, tmp_path: Path) -> None:
     ("file", "said"),
     [
         ("estimates.parquet", "made by `chromagrip estimate`: open its figure.png"),
-        ("tracks.csv", "made by `chromagrip track`: `chromagrip score` reads it"),
+        ("tracks.parquet", "made by `chromagrip track`: `chromagrip score` reads it"),
         ("manifest.json", "made by `chromagrip dataset make`: `chromagrip dataset info` reads it"),
         ("leaderboard.html", "made by `chromagrip score`: open leaderboard.html"),
     ],

@@ -95,8 +95,10 @@ def _base() -> Iterator[Check]:
         problem = _import_problem(m for m in modules[name] if not m.startswith("_"))
         if problem:
             yield Check(name=name_and_version, state=BROKEN, detail=problem, mend=mend)
-        else:
-            yield Check(name=name_and_version)
+            continue
+        yield Check(name=name_and_version)
+        if name == "av":
+            yield _h264()
 
 
 def _import_problem(modules: Iterable[str]) -> str:
@@ -123,8 +125,6 @@ def _extras() -> Iterator[Check]:
             yield Check(name=name, state=BROKEN, detail=problem, mend=mend)
             continue
         yield Check(name=name)
-        if extra == "video":
-            yield _h264()
         if extra == "gl":
             yield _gl()
 

@@ -35,7 +35,6 @@ from .options import (
     new_folder,
     option,
     refuse_arguments,
-    tell_lacking,
 )
 from .readouts import prepare, prepare_scene
 from .summary import print_summary
@@ -203,7 +202,6 @@ def grasp(
         need_one_finger(resolved, "--source is for")
 
     from ..loop.run import run  # OpenCV loads only when something is run
-    from ..loop.run_files import files_lacking
 
     helped = cold() and CORES > 1 and source is None and resolved.path == "camera"
     shared: dict[str, Any] = {
@@ -225,8 +223,6 @@ def grasp(
         print(json.dumps(result.summary))
     else:
         print_summary(result, Path(scene).stem)
-    if out is not None:
-        tell_lacking(files_lacking(drawn=source is None))
     return 0
 
 

@@ -163,12 +163,6 @@ def print_table(table: Table) -> None:
     Console(markup=False, highlight=False).print(table)
 
 
-def tell_lacking(sentences: Iterable[str]) -> None:
-    """Tell what a folder lacks for want of an extra; not among the results."""
-    for sentence in sentences:
-        print(f"chromagrip: {sentence}", file=sys.stderr)
-
-
 def value_table() -> Table:
     """Table with a name and a value in each line."""
     return Table(show_header=False, box=None, padding=(0, 2))

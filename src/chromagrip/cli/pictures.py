@@ -37,7 +37,6 @@ from .options import (
     option,
     print_table,
     stem_of,
-    tell_lacking,
     value_table,
 )
 from .readouts import prepare
@@ -191,8 +190,8 @@ def track(
 ) -> int:
     """Follow the markers of a sensor through pictures, a video or a camera's frames.
 
-    The folder has tracks.parquet (place of each marker in each frame in px; without the extra data
-    tracks.csv), overlay.mp4 and summary.json.
+    The folder has tracks.parquet (place of each marker in each frame in px), overlay.mp4 and
+    summary.json.
 
     Example: chromagrip track rest.png press.mp4 --tracker lk
     """
@@ -202,7 +201,7 @@ def track(
     if out is None and not json_only:
         out = new_folder(f"track-{stem_of(source)}")
 
-    from ..pictures.track import files_lacking, track_source
+    from ..pictures.track import track_source
 
     with _frames("tracking") as (tell, progress):
         outcome = track_source(
@@ -225,8 +224,6 @@ def track(
         print(json.dumps(outcome.summary))
     else:
         _print_summary(outcome.summary, out)
-    if out is not None:
-        tell_lacking(files_lacking())
     if outcome.broken is not None:
         raise UserError(outcome.broken)
     return 0
@@ -337,10 +334,10 @@ def estimate(
 ) -> int:
     """Estimate forces, friction and safety margin in pictures, a video or a camera's frames.
 
-    The folder has estimates.parquet (values with 90 % intervals, frame by frame; without
-    the extra data estimates.csv), figure.png, overlay.mp4 and summary.json. A flat pad has no force
-    model: its displacements are estimated instead. For a sequence of a dataset the true values are
-    printed next to the estimates, and its frame rate and body (chain or dome) are known.
+    The folder has estimates.parquet (values with 90 % intervals, frame by frame), figure.png,
+    overlay.mp4 and summary.json. A flat pad has no force model: its displacements are estimated
+    instead. For a sequence of a dataset the true values are printed next to the estimates, and its
+    frame rate and body (chain or dome) are known.
 
     Example: chromagrip estimate rest.png press.mp4 --calibration mine.toml
     """
@@ -350,7 +347,7 @@ def estimate(
     if out is None and not json_only and not publish:
         out = new_folder(f"estimate-{stem_of(source)}")
 
-    from ..pictures.estimate import estimate_source, files_lacking
+    from ..pictures.estimate import estimate_source
     from ..render import sensor_names
     from ..tracking import AUTOMATIC, load_calibration
 
@@ -395,8 +392,6 @@ def estimate(
         _print_estimates(outcome.summary, out)
     elif doubt := outcome.summary["reconstructor_doubt"]:
         print(f"chromagrip: {doubt}", file=sys.stderr)
-    if out is not None:
-        tell_lacking(files_lacking())
     if outcome.broken is not None:
         raise UserError(outcome.broken)
     return 0

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from ..folders import write_whole
 from ..output.figure import png
 from ..scene.scene import Scene
-from .folder import CARD, SHEET, sequence_name
+from .folder import CARD, SHEET, TABLE, sequence_name
 from .labels import STATES, Column, columns_of
 from .labels.columns import Columns
 from .labels.reading import reading_lines
-from .labels.tables import Table, rows_file
+from .labels.tables import Table, rows_bytes
 from .read import Loaded, drawn_values, load_sequence, tables
 from .recipe import CASE, Case, Recipe, Values, bodies_of, cases_of, dotted
 
@@ -48,11 +48,11 @@ def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     names = [sequence_name(number) for number in numbers]
     drawn = [drawn_values(folder / name) for name in names]
     keys = sorted({key for one in drawn for key in one})
-    rows = zip(numbers, drawn, strict=True)
-    table, data = rows_file(
-        "sequences", [{"number": k} | {key: one.get(key) for key in keys} for k, one in rows]
-    )
-    write_whole(folder / table, data)
+    rows = [
+        {"number": number} | {key: one.get(key) for key in keys}
+        for number, one in zip(numbers, drawn, strict=True)
+    ]
+    write_whole(folder / TABLE, rows_bytes(rows))
     # Columns of frames whose histograms the card shows.
     counted = ["normal_n", "friction_n", "mu", "margin", "slipped_share"]
     if bodies_of(recipe) == ["dome"]:

@@ -2,8 +2,7 @@
 
     recipe.toml          everything it was made from
     manifest.json        versions, sequences and the checksum of each; written last
-    sequences.parquet    values that were drawn for each sequence; tables are npz and this is CSV
-                         where pyarrow is missing
+    sequences.parquet    values that were drawn for each sequence
     DATASET_CARD.md, contact-sheet.png
     sensors/             the user's own, see `own_files`
     objects/             meshes
@@ -33,7 +32,6 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from ..errors import UserError, located
-from ..extras import missing
 from ..folders import PART, disk_errors, remove, synced, write_whole
 from ..output.versions import versions
 from ..strange_files import inside, read_small, shortened
@@ -73,22 +71,16 @@ OBJECTS = "objects"
 #: Names of sequences, of a sequence's files, and of the other files of a dataset.
 _SEQUENCE = re.compile("sequence-(?:[0-9]{6}|[1-9][0-9]{6})")
 _OF_SEQUENCE = re.compile(
-    r"scene\.toml|camera\.yml|rest\.png|(?:frames|markers)\.(?:parquet|npz)|"
+    r"scene\.toml|camera\.yml|rest\.png|(?:frames|markers)\.parquet|"
     r"frame-[0-9]{3,8}\.png|truth-[0-9]{3,8}\.npz"
 )
 _OF_DATASET = re.compile(
-    r"recipe\.toml|sequences\.(?:parquet|csv)|DATASET_CARD\.md|contact-sheet\.png|"
+    r"recipe\.toml|sequences\.parquet|DATASET_CARD\.md|contact-sheet\.png|"
     r"sensors/[^/]+/[^/]+|objects/[^/]+"
 )
 #: Files that every sequence and every dataset has.
 _IN_SEQUENCE = ("scene.toml", "frames.parquet", "markers.parquet")
 _IN_DATASET = (RECIPE, TABLE)
-#: Files that stand in for tables where pyarrow is missing.
-_WITHOUT_ARROW = {
-    TABLE: "sequences.csv",
-    "frames.parquet": "frames.npz",
-    "markers.parquet": "markers.npz",
-}
 Digest = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
 #: Type of a drawn value; no recipe has deeper tables than an object's.
 _Plain = str | int | float | bool | None
@@ -181,21 +173,14 @@ def _check_names(
             raise UserError(f"{path} names {shortened(name)}, which no dataset has; {MEND}")
         inside(path.parent, name, follow_links=True)  # links were checked when it was opened
     for name in needed:
-        if name not in names and _WITHOUT_ARROW.get(name, name) not in names:
+        if name not in names:
             raise UserError(f"{path} does not name {name}; {MEND}")
 
 
 @lru_cache(maxsize=1)
 def made_with() -> dict[str, str]:
     """Versions that determine a dataset's bytes."""
-    if missing("data") is not None:
-        return versions()
     return versions() | {"pyarrow": version("pyarrow")}
-
-
-def _table_of(folder: Path) -> str:
-    """Name of the table of the drawn values."""
-    return TABLE if (folder / TABLE).is_file() else _WITHOUT_ARROW[TABLE]
 
 
 def write_manifest(folder: Path, numbers: Iterable[int]) -> Manifest:
@@ -206,7 +191,7 @@ def write_manifest(folder: Path, numbers: Iterable[int]) -> Manifest:
         "versions": made_with(),
         "files": {
             name: file_digest(folder / name)
-            for name in (RECIPE, _table_of(folder), CARD, SHEET, *own_files(folder))
+            for name in (RECIPE, TABLE, CARD, SHEET, *own_files(folder))
         },
         "sequences": {name: file_digest(folder / name / FILES) for name in names},
     }

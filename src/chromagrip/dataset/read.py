@@ -34,7 +34,6 @@ from .labels.tables import (
     frame_kinds,
     marker_kinds,
     read_table,
-    table_in,
 )
 from .pictures import Pictures, pictures_in
 from .recipe import Values
@@ -205,7 +204,7 @@ def load_sequence(where: Path) -> Loaded:
 
 def _tables(where: Path, scene: Scene, rows: int) -> tuple[Arrays, Arrays]:
     """Read the columns of frames and of markers; `rows` is the number of pictures."""
-    path = table_in(where, "frames")
+    path = where / "frames.parquet"
     columns = columns_of(scene.body)
     frames = read_table(path, rows, frame_kinds(columns), others=True)
     if any(name.startswith(READ) for name in frames):
@@ -214,7 +213,7 @@ def _tables(where: Path, scene: Scene, rows: int) -> tuple[Arrays, Arrays]:
     _check_frames(path, frames, columns.frame)
     if strange := set(frames["slip_state"]) - set(STATES):
         raise damaged(path, f"slip_state is {shortened(strange.pop())}, not {', '.join(STATES)}")
-    path = table_in(where, "markers")
+    path = where / "markers.parquet"
     markers = read_table(path, rows, marker_kinds(columns), others=True)
     _check_frames(path, markers, ("frame", *columns.markers, *columns.nodes))
     del markers["frame"]
@@ -325,4 +324,5 @@ def tables(
     for name in names:
         own = {column: kinds[column] for column in columns or ("frame",)}
         rows = len(pictures_in(folder / name))
-        yield read_table(table_in(folder / name, "frames"), rows, own, others=columns is None)
+        path = folder / name / "frames.parquet"
+        yield read_table(path, rows, own, others=columns is None)

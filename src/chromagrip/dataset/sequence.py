@@ -40,7 +40,7 @@ from .labels.tables import (
     frame_table,
     marker_meanings,
     marker_table,
-    table_file,
+    table_bytes,
 )
 from .pictures import REST
 from .recipe import Recipe, Values, drawn, pose_of, scene_of
@@ -187,8 +187,8 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
         # Pictures are on the disk; a long sequence must not keep them.
         rows.append(dataclasses.replace(shot, image=np.empty(0, np.uint8), truth={}))
     columns = columns_of(made.scene.body, bool(recipe.reading))
-    keep(*table_file("frames", frame_table(rows, columns), frame_meanings(columns)))
-    keep(*table_file("markers", marker_table(rows, columns), marker_meanings(columns)))
+    keep("frames.parquet", table_bytes(frame_table(rows, columns), frame_meanings(columns)))
+    keep("markers.parquet", table_bytes(marker_table(rows, columns), marker_meanings(columns)))
     listed: FileList = {
         "number": number,
         "versions": made_with(),

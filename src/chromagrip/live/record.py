@@ -13,7 +13,7 @@ from ..errors import UserError
 from ..folders import disk_errors
 from ..loop.record import Record
 from ..loop.rig import Rig
-from ..loop.run_files import PARTS, RunFiles, files_lacking
+from ..loop.run_files import PARTS, RunFiles
 from ..loop.sample import Sample
 from ..scene.scene import Scene
 from ..scene.settings import LoadSettings
@@ -112,7 +112,7 @@ class _Recording:
         with self._files, disk_errors(self.folder):
             _write_sliders(self.folder / PARTS / "sliders.csv", self._sliders)
             self._record.finish(scene, said, **{FROM: self._begin})
-        return "; ".join([f"recorded {length:.2f} s in {self.folder}", *files_lacking()])
+        return f"recorded {length:.2f} s in {self.folder}"
 
     def discard(self) -> None:
         """Remove its folder."""

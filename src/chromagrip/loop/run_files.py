@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from ..errors import UserError
-from ..extras import lacking, missing, table_suffix
 from ..folders import filling, leave, prepared, sync
-from ..output.frames import FRAMES, FrameFiles, FrameFormat, check_frames
+from ..output.frames import FRAMES, FrameFiles, FrameFormat
 from ..output.logs.write import LOG_FILES, LogFormat, write_logs
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene
 from .columns import Rows, prefixes
-from .results.trace_file import TRACES, VIDEO, write_trace
+from .results.trace_file import TRACE, VIDEO, write_trace
 from .rig import Rig
 from .sample import Sample
 from .trace import Summary, Trace, TraceLines
@@ -27,10 +26,10 @@ if TYPE_CHECKING:
     from .pinch.video import PinchVideo
     from .results.tactile_video import TactileVideo
 
-#: Files of a run folder where no extra is missing, see `files_lacking`.
+#: Files of a run folder.
 FILES = (
     "summary.json",
-    TRACES[0],
+    TRACE,
     "figure.png",
     VIDEO,
     "scene.toml",
@@ -46,8 +45,7 @@ class RunFiles:
     """Files of a run, which get their final names together, once all are written.
 
     Until then they are in a folder inside the run folder, with the lines of the trace as text;
-    they remain there if the run is killed. On a full disk only the scene remains. Without the extra
-    `video` there is no video, and without `data` the trace is a NumPy file.
+    they remain there if the run is killed. On a full disk only the scene remains.
 
     Parameters
     ----------
@@ -68,7 +66,6 @@ class RunFiles:
         log: Sequence[LogFormat] = (),
         drawn: bool = True,
     ) -> None:
-        check_frames(frames)
         self.folder = folder
         self._parts = folder / PARTS
         self._scene, self._log, self._drawn = scene, log, drawn
@@ -81,7 +78,7 @@ class RunFiles:
         self._held.enter_context(prepared(folder, overwrite))
         with self._writing():
             self._discard()
-            for name in (*FILES, *TRACES, *LOG_FILES):
+            for name in (*FILES, *LOG_FILES):
                 (folder / name).unlink(missing_ok=True)
             shutil.rmtree(folder / FRAMES, ignore_errors=True)
             self._parts.mkdir()
@@ -89,7 +86,7 @@ class RunFiles:
             part.write_text(scene_text(scene), encoding="utf-8")
             part.replace(folder / part.name)
             self._lines = TraceLines(self._parts / LINES, Rows(scene).columns)
-            if drawn and missing("video") is None:
+            if drawn:
                 self._video = _open_video(self._parts, scene)
             if frames is not None:
                 for name in prefixes(scene):
@@ -212,23 +209,12 @@ def _open_video(folder: Path, scene: Scene) -> "TactileVideo | PinchVideo":
     return kinds[scene.fingers](folder / VIDEO, scene)
 
 
-def files_lacking(drawn: bool = True) -> list[str]:
-    """One sentence for each extra without which a run folder has less.
-
-    Parameters
-    ----------
-    drawn: see `RunFiles`
-    """
-    return lacking(TRACES[1], VIDEO if drawn else "")
-
-
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary, drawn: bool) -> None:
     from .results.figure import draw_figure
     from .results.report import write_report
     from .results.run_folder import RunRead
 
-    path = folder / f"trace{table_suffix('.npz')}"
-    write_trace(path, trace.columns, Rows(scene).columns)
+    write_trace(folder / TRACE, trace.columns, Rows(scene).columns)
     if drawn:
         draw_figure(scene, trace, folder / "figure.png")
     text = json.dumps({**summary, "versions": versions()}, indent=2)

@@ -10,7 +10,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Literal, TextIO
 
-from ..extras import require
 from ..folders import disk_errors
 from ..render import Frame
 from .png import encode_png
@@ -20,12 +19,6 @@ from .video import VideoFile
 FrameFormat = Literal["png", "ffv1"]
 #: Folder of the camera's raw pictures in a run folder, where they were asked for.
 FRAMES = "frames"
-
-
-def check_frames(kind: FrameFormat | None) -> None:
-    """Refuse a format whose extra is not installed."""
-    if kind == "ffv1":
-        require("video", purpose="writing pictures as ffv1")
 
 
 class FrameFiles:
@@ -44,7 +37,6 @@ class FrameFiles:
     """
 
     def __init__(self, folder: Path, kind: FrameFormat, rate: float) -> None:
-        check_frames(kind)
         self._folder, self._kind = folder, kind
         self._list: TextIO | None = None
         with disk_errors(folder):

@@ -1,19 +1,20 @@
-"""Tracks and estimates as tables, written while they come: Parquet, or CSV by a file's name.
+"""Tracks and estimates as Parquet tables, written while they come.
 
-Units and meanings of the columns are the metadata of a Parquet table's schema.
+Units and meanings of the columns are the metadata of a table's schema.
 """
 
-import csv
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..extras import need
 from ..folders import GrowingFile, disk_errors
 from ..tracking import Tracks
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 #: Arrow type of every column and what it holds; `list` is of float32, `dictionary` of strings.
 Columns = Mapping[str, tuple[str, str]]
@@ -43,37 +44,30 @@ _FRAME: Columns = {
     "markers_seen": ("int32", "marker pairs found in the frame"),
     "no_estimate": ("string", "why the frame says nothing; empty when it does"),
 }
+
+
+def _bounded(stem: str, unit: str, meaning: str) -> Columns:
+    """Columns of a value and the ends of its interval."""
+    return {
+        f"{stem}{unit}": ("float64", meaning),
+        f"{stem}_low{unit}": ("float64", "lower end of its interval"),
+        f"{stem}_high{unit}": ("float64", "upper end of its interval"),
+    }
+
+
 #: Forces, one row per frame; low and high bound a 90 % interval.
 FORCES: Columns = {
     **_FRAME,
-    "normal_n": ("float64", "sum of the normal forces [N]"),
-    "normal_low_n": ("float64", "lower end of its interval"),
-    "normal_high_n": ("float64", "upper end of its interval"),
-    "friction_n": ("float64", "sum of the friction forces, its magnitude [N]"),
-    "friction_low_n": ("float64", "lower end of its interval"),
-    "friction_high_n": ("float64", "upper end of its interval"),
-    "mu": ("float64", "friction coefficient in use"),
-    "mu_low": ("float64", "lower end of its interval"),
-    "mu_high": ("float64", "upper end of its interval"),
+    **_bounded("normal", "_n", "sum of the normal forces [N]"),
+    **_bounded("friction", "_n", "sum of the friction forces, its magnitude [N]"),
+    **_bounded("mu", "", "friction coefficient in use"),
     "mu_observable": ("bool", "whether the frame shows mu, rather than what a press shows"),
-    "margin": ("float64", "safety margin; null with nothing in contact"),
-    "margin_low": ("float64", "lower end of its interval"),
-    "margin_high": ("float64", "upper end of its interval"),
-    "limit_margin": ("float64", "margin of friction and torsion together; null for a chain"),
-    "limit_margin_low": ("float64", "lower end of its interval"),
-    "limit_margin_high": ("float64", "upper end of its interval"),
-    "force_x_n": ("float64", "force of the object on a dome along x [N]; null for a chain"),
-    "force_x_low_n": ("float64", "lower end of its interval"),
-    "force_x_high_n": ("float64", "upper end of its interval"),
-    "force_y_n": ("float64", "along y [N]"),
-    "force_y_low_n": ("float64", "lower end of its interval"),
-    "force_y_high_n": ("float64", "upper end of its interval"),
-    "force_z_n": ("float64", "along z, the sensor's axis [N]"),
-    "force_z_low_n": ("float64", "lower end of its interval"),
-    "force_z_high_n": ("float64", "upper end of its interval"),
-    "torque_nmm": ("float64", "torque of the object about z [N·mm]; null for a chain"),
-    "torque_low_nmm": ("float64", "lower end of its interval"),
-    "torque_high_nmm": ("float64", "upper end of its interval"),
+    **_bounded("margin", "", "safety margin; null with nothing in contact"),
+    **_bounded("limit_margin", "", "margin of friction and torsion together; null for a chain"),
+    **_bounded("force_x", "_n", "force of the object on a dome along x [N]; null for a chain"),
+    **_bounded("force_y", "_n", "along y [N]"),
+    **_bounded("force_z", "_n", "along z, the sensor's axis [N]"),
+    **_bounded("torque", "_nmm", "torque of the object about z [N·mm]; null for a chain"),
     "node_normal_n": ("list", "normal force on each node of the skin [N]"),
     "node_friction_n": ("list", "friction on each node [N]; of a dome (x, y, z) of each in turn"),
 }
@@ -106,94 +100,17 @@ VALUES = {
 #: Rows of tracks that make a row group, about.
 _TRACK_GROUP = 100_000
 
-
 #: Values of a frame by column.
 Row = dict[str, float | str | NDArray[np.float32] | None]
 
 
-#: Values of some rows by column; NaN of an array is null, as None of a list.
-_Values = Mapping[str, Sequence[Any] | NDArray[Any]]
-
-
-class _Writer(Protocol):
-    """Writes a table, some rows at a time; errors of the disk are an `OSError`."""
-
-    def write(self, values: _Values) -> None:
-        """Append rows."""
-
-    def close(self) -> None:
-        """Complete the file."""
-
-
-class _ParquetWriter:
-    """Writes a Parquet file, with a group of rows at a time."""
-
-    def __init__(self, path: Path, columns: Columns, categories: Sequence[str]) -> None:
-        pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
-        self._categories = pa.array(categories, pa.string())
-        kinds = {"list": pa.list_(pa.float32()), "dictionary": pa.dictionary(pa.int8(), "string")}
-        self._schema = pa.schema(
-            [pa.field(name, kinds.get(kind, kind)) for name, (kind, _) in columns.items()],
-            metadata={name: text for name, (_, text) in columns.items()},
-        )
-        self._numbered = {name for name, (kind, _) in columns.items() if kind == "dictionary"}
-        self._file = pq.ParquetWriter(path, self._schema)
-
-    def write(self, values: _Values) -> None:
-        pa = need("pyarrow", "data")
-        arrays = []
-        for field in self._schema:
-            own = values[field.name]
-            if field.name in self._numbered:
-                array = pa.DictionaryArray.from_arrays(pa.array(own), self._categories)
-            else:
-                array = pa.array(own, field.type, from_pandas=isinstance(own, np.ndarray))
-            arrays.append(array)
-        self._file.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
-
-    def close(self) -> None:
-        self._file.close()
-
-
-class _CsvWriter:
-    """Writes a CSV file, without the columns whose values are lists; unknown values are empty."""
-
-    def __init__(self, path: Path, columns: Columns, categories: Sequence[str]) -> None:
-        self._path, self._categories = path, categories
-        self._kinds = {name: kind for name, (kind, _) in columns.items() if kind != "list"}
-        self._append([list(self._kinds)])
-
-    def write(self, values: _Values) -> None:
-        count, part = len(values["frame"]), 1000  # rows that are text at a time
-        for start in range(0, count, part):
-            cells = (
-                self._cells(kind, values[name][start : start + part])
-                for name, kind in self._kinds.items()
-            )
-            self._append(zip(*cells, strict=True))
-
-    def close(self) -> None:
-        """Do nothing: the file is closed after every piece, also where the disk is full."""
-
-    def _append(self, rows: Iterable[Sequence[object]]) -> None:
-        with self._path.open("a", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows(rows)
-
-    def _cells(self, kind: str, values: Sequence[Any] | NDArray[Any]) -> list[object]:
-        plain = values.tolist() if isinstance(values, np.ndarray) else values
-        if kind == "dictionary":
-            return [self._categories[number] for number in plain]
-        return [value if value == value else "" for value in plain]  # NaN is not itself
-
-
 class _Table(GrowingFile):
-    """Table that is written in groups of rows.
+    """Parquet file that is written in groups of rows.
 
     Parameters
     ----------
-    path: of the file; one that ends in `.csv` is CSV, others are Parquet
+    path: of the file
     columns: of its table
-    categories: strings that a `dictionary` column numbers
 
     Raises
     ------
@@ -201,23 +118,30 @@ class _Table(GrowingFile):
         When it cannot be written, as where the disk is full; nothing of it is left.
     """
 
-    def __init__(self, path: Path, columns: Columns, categories: Sequence[str] = ()) -> None:
+    def __init__(self, path: Path, columns: Columns) -> None:
+        import pyarrow as pa
+        from pyarrow.parquet import ParquetWriter
+
         super().__init__(path)
-        kind: Callable[..., _Writer] = _CsvWriter if path.suffix == ".csv" else _ParquetWriter
+        kinds = {"list": pa.list_(pa.float32()), "dictionary": pa.dictionary(pa.int8(), "string")}
+        self._schema = pa.schema(
+            [pa.field(name, kinds.get(kind, kind)) for name, (kind, _) in columns.items()],
+            metadata={name: text for name, (_, text) in columns.items()},
+        )
         with disk_errors(path):
-            self._writer = kind(self._part, columns, categories)
+            self._file = ParquetWriter(self._part, self._schema)
 
     def _finish(self) -> None:
         self._flush()
-        self._writer.close()
+        self._file.close()
 
     def _flush(self) -> None:
         """Write the rows that wait."""
         raise NotImplementedError
 
-    def _write(self, values: _Values) -> None:
+    def _write(self, table: "pa.Table") -> None:
         with disk_errors(self._path):
-            self._writer.write(values)
+            self._file.write_table(table)
 
 
 class TrackTable(_Table):
@@ -231,22 +155,19 @@ class TrackTable(_Table):
     """
 
     def __init__(self, path: Path, layers: tuple[str, ...], rest: NDArray[np.float64]) -> None:
-        super().__init__(path, TRACKS, layers)
-        self._rest = rest.reshape(-1, 2)
-        # One buffer a column for a whole row group: kept small pieces would lie between the large
-        # pictures of a video on the heap, and their memory could not be used again.
-        self._columns: dict[str, NDArray[Any]] = {}
+        super().__init__(path, TRACKS)
+        self._layers, self._rest = layers, rest.reshape(-1, 2)
+        # One buffer for a whole row group: kept small pieces would lie between the large pictures
+        # of a video on the heap, and their memory could not be used again.
+        size = max(1, len(self._rest))
+        kinds = [(n, "i1" if kind == "dictionary" else kind) for n, (kind, _) in TRACKS.items()]
+        self._buffer = np.empty(max(1, _TRACK_GROUP // size) * size, kinds)
         self._rows = 0
 
     def add(self, index: int, tracks: Tracks) -> None:
         """Append the tracks of frame number `index`."""
         layers, markers = tracks.visible.shape
-        size = layers * markers
-        if not self._columns:
-            rows = max(1, _TRACK_GROUP // size) * size
-            for name, (kind, _) in TRACKS.items():
-                self._columns[name] = np.empty(rows, "int8" if kind == "dictionary" else kind)
-        elif self._rows + size > len(self._columns["frame"]):
+        if self._rows + layers * markers > len(self._buffer):
             self._flush()
         at = 3 * np.arange(layers)
         hue = np.full((layers, markers), np.nan)
@@ -260,7 +181,7 @@ class TrackTable(_Table):
             "var_xy_px2": tracks.covariance[:, at, at + 1].T,
             "var_yy_px2": tracks.covariance[:, at + 1, at + 1].T,
         }
-        fields: dict[str, Any] = {
+        values: dict[str, Any] = {
             "frame": index,
             "time_s": tracks.time,
             "rest_x_px": self._rest[:, 0],
@@ -271,20 +192,25 @@ class TrackTable(_Table):
             "ambiguous": tracks.ambiguous.ravel(),
             "last_seen_s": tracks.last_seen.ravel(),
         }
-        for name, values in measured.items():
-            fields[name] = np.where(tracks.visible, values, np.nan).ravel()
-        for name, column in self._columns.items():
-            column[self._rows : self._rows + size] = fields[name]
-        self._rows += size
+        for name, one in measured.items():
+            values[name] = np.where(tracks.visible, one, np.nan).ravel()
+        rows = self._buffer[self._rows : self._rows + layers * markers]
+        for name, one in values.items():
+            rows[name] = one
+        self._rows += len(rows)
 
     def _flush(self) -> None:
-        if self._rows:
-            rows, self._rows = self._rows, 0
-            self._write({name: column[:rows] for name, column in self._columns.items()})
+        import pyarrow as pa
+
+        rows, self._rows = self._buffer[: self._rows], 0
+        if len(rows):  # NaN is null
+            arrays = {name: pa.array(rows[name], from_pandas=True) for name in TRACKS}
+            arrays["layer"] = pa.DictionaryArray.from_arrays(arrays["layer"], [*self._layers])
+            self._write(pa.table(arrays, schema=self._schema))
 
 
 class EstimateTable(_Table):
-    """Table of estimates; as CSV it has no lists, such as the forces on each node.
+    """Table of estimates.
 
     Parameters
     ----------
@@ -294,7 +220,6 @@ class EstimateTable(_Table):
 
     def __init__(self, path: Path, columns: Columns) -> None:
         super().__init__(path, columns)
-        self._names = list(columns)
         self._rows: list[Row] = []
 
     def add(self, row: Row) -> None:
@@ -305,6 +230,8 @@ class EstimateTable(_Table):
             self._flush()
 
     def _flush(self) -> None:
-        if self._rows:
-            rows, self._rows = self._rows, []
-            self._write({name: [row.get(name) for row in rows] for name in self._names})
+        import pyarrow as pa
+
+        rows, self._rows = self._rows, []
+        if rows:
+            self._write(pa.Table.from_pylist(rows, self._schema))

@@ -2,12 +2,11 @@
 
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..extras import need
 from ..folders import GrowingFile, disk_errors
 
 if TYPE_CHECKING:
@@ -63,9 +62,11 @@ class VideoFile(GrowingFile):
         container, self._encoder, self._layout, usual = _KINDS[codec]
         best = {} if quality is None else {"crf": str(quality)}
         self._options = {**best, **usual, "threads": "1", **(options or {})}
+        import av
+
         with disk_errors(path):
             self._part.touch()  # the container makes its file when the encoder's buffer is full
-            self._container = need("av", "video").open(str(self._part), "w", format=container)
+            self._container: Any = av.open(str(self._part), "w", format=container)
         self._stream = None
 
     def _finish(self) -> None:
@@ -83,13 +84,15 @@ class VideoFile(GrowingFile):
         picture: sRGB, shape (H, W, 3)
         index: its place in time, in periods of the rate; None is the one after the last
         """
+        import av
+
         if self._stream is None:
             self._stream = self._container.add_stream(self._encoder, rate=self._rate)
             self._stream.height, self._stream.width = picture.shape[:2]
             self._stream.pix_fmt = self._layout
             options: dict[str, object] = {**self._options}
             self._stream.options = options
-        frame = need("av", "video").VideoFrame.from_ndarray(picture, format="rgb24")
+        frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
         if index is not None:
             frame.pts, frame.time_base = index, 1 / Fraction(self._rate)
         with disk_errors(self._path):

@@ -14,7 +14,6 @@ import numpy as np
 from ..by_name import Choice
 from ..compiled import working_time
 from ..errors import UserError, located, meant
-from ..extras import lacking, table_suffix
 from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable, Row
 from ..output.versions import versions
 from ..publish import check_targets, message_of, publishing
@@ -44,17 +43,12 @@ from .figure import Truth, draw_figure
 from .following import Add, Came, Course, Outcome, Progress, SpeedCount, follow, opened_folder
 from .kept_rows import KeptRows
 from .opening import Opened, Setup, open_tracking
-from .overlay import OVERLAY, open_overlay
+from .overlay import OVERLAY, OverlayVideo
 from .readings import Read, displacement_reading, force_reading
 
 FORMAT = "chromagrip estimate 1"
-#: Files of a folder of estimates, in one of two formats; the summary is written last.
-FILES = ("summary.json", "estimates.parquet", "estimates.csv", "figure.png", OVERLAY)
-
-
-def files_lacking() -> list[str]:
-    """One sentence for each extra without which a folder of estimates has less."""
-    return lacking("estimates.csv", OVERLAY)
+#: Files of a folder of estimates; the summary is written last.
+FILES = ("summary.json", "estimates.parquet", "figure.png", OVERLAY)
 
 
 class Typical(TypedDict):
@@ -282,9 +276,10 @@ class _Rows:
         table = video = None
         if self._out is not None:
             columns = DISPLACEMENTS if self._flat else FORCES
-            path = self._out / f"estimates{table_suffix('.csv')}"
-            table = files.enter_context(EstimateTable(path, columns))
-            video = open_overlay(self._out, self._opened.source.fps, files)
+            table = EstimateTable(self._out / "estimates.parquet", columns)
+            video = OverlayVideo(self._out / OVERLAY, self._opened.source.fps)
+            files.enter_context(table)
+            files.enter_context(video)
 
         def add(index: int, frame: Frame, tracks: Tracks, came: Came) -> None:
             begin = working_time()

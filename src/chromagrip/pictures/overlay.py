@@ -1,7 +1,6 @@
 """Pictures with the markers drawn into them, one or a video."""
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..extras import missing
 from ..output.video import VideoFile
 from ..tracking import Markers, Palette, RestFrame, Tracks
 
@@ -279,13 +277,6 @@ def _nearest_shapes(at: Array, shapes: Array, own: Array, radius: float) -> Arra
         near = np.asarray(away) < radius
         result[np.flatnonzero(there)[near]] = shapes[known][np.asarray(number)[near]]
     return result
-
-
-def open_overlay(folder: Path, fps: float, files: ExitStack) -> "OverlayVideo | None":
-    """Video of the markers in a folder, open until `files` end; None without the extra `video`."""
-    if missing("video") is not None:
-        return None
-    return files.enter_context(OverlayVideo(folder / OVERLAY, fps))
 
 
 class OverlayVideo(VideoFile):

@@ -10,7 +10,6 @@ from typing import TypedDict
 import numpy as np
 
 from ..by_name import Choice
-from ..extras import lacking, table_suffix
 from ..output.parquet import TrackTable
 from ..output.versions import versions
 from ..render import Frame
@@ -21,17 +20,11 @@ from ..tracking import AUTO_PALETTE, Edge, Tracks
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 from .following import Add, Came, Course, Outcome, Progress, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
-from .overlay import OVERLAY, TrackDrawing, dropped, open_overlay
+from .overlay import OVERLAY, OverlayVideo, TrackDrawing, dropped
 
 FORMAT = "chromagrip track 1"
-#: Files of a folder of tracks, in one of two formats; the summary is written last.
-FILES = ("summary.json", "tracks.parquet", "tracks.csv", OVERLAY)
-
-
-def files_lacking() -> list[str]:
-    """One sentence for each extra without which a folder of tracks has less."""
-    return lacking("tracks.csv", OVERLAY)
-
+#: Files of a folder of tracks; the summary is written last.
+FILES = ("summary.json", "tracks.parquet", OVERLAY)
 
 #: Reasons why a marker is not followed.
 _CUT = "cut by the edge of the field"
@@ -74,8 +67,6 @@ def track_source(
     progress: Progress = lambda _, __: None,
 ) -> Outcome[TrackSummary]:
     """Track the markers of a source; with `out`, leave tracks, overlay and summary in that folder.
-
-    Without the extra `data` the tracks are `tracks.csv`; without `video` there is no overlay.
 
     Where the source breaks off, the tracks up to there are kept and the outcome says so.
     Interrupted by Ctrl-C it keeps the tracks so far, marked as not complete, and raises
@@ -161,14 +152,12 @@ def _open_files(opened: Opened, out: Path | None, files: ExitStack) -> Add:
     if out is None:
         return lambda index, frame, tracks, came: None
     draw = TrackDrawing(opened.palette, opened.start, opened.resting)
-    path = out / f"tracks{table_suffix('.csv')}"
     rest = opened.fitted.original(opened.resting.position)
-    table = files.enter_context(TrackTable(path, opened.palette.names, rest))
-    video = open_overlay(out, opened.source.fps, files)
+    table = files.enter_context(TrackTable(out / "tracks.parquet", opened.palette.names, rest))
+    video = files.enter_context(OverlayVideo(out / OVERLAY, opened.source.fps))
 
     def add(index: int, frame: Frame, tracks: Tracks, _: Came) -> None:
         table.add(index, _original(tracks, opened))
-        if video is not None:
-            video.append(draw(frame.image, tracks))
+        video.append(draw(frame.image, tracks))
 
     return add

@@ -212,8 +212,7 @@ def _paged_source(
 
 def _refuse_home(folder: Path) -> None:
     """Refuse a run and a dataset, whose pictures of frames lie further down."""
-    traces = (folder / f"trace{suffix}" for suffix in (".parquet", ".npz"))
-    if (folder / "summary.json").is_file() and any(trace.is_file() for trace in traces):
+    if (folder / "summary.json").is_file() and (folder / "scene.toml").is_file():
         kept = folder / "frames"
         frames = kept if kept.is_dir() else folder / "tactile.mp4"
         raise UserError(f"folder {folder} is a run, whose frames are in {frames}: give that")

@@ -63,7 +63,7 @@ SHIPPED = {
     "FOLDER": "pictures of a folder, in the order of their numbers, of which missing ones leave "
     "gaps in time, or with the times of its frames.csv: time_s [s] and file of each",
     "'DIR/*.png'": "pictures that match a pattern, in quotation marks",
-    "VIDEO": "video file (extra video)",
+    "VIDEO": "video file",
     "pipe:FILE": "frames that another program writes; pipe:- is the standard input; with "
     "pipe:FILE(live=true) a slower loop skips frames",
     "FILE.npy": "array (N, H, W, 3) or (N, H, W), uint8 or with --value-range",

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import UserError
-from ..extras import need
 from ..render import Frame
 from ..stored_pictures import MORE, check_pixels, turned
 from .source import DEFAULT_FPS, KINDS, Source, rated
@@ -60,7 +59,8 @@ def _unlike_viewers(stream: "av.VideoStream") -> str:
 
 @contextmanager
 def _open_video(path: Path, max_megapixels: float) -> "Iterator[av.container.InputContainer]":
-    av = need("av", "video")
+    import av
+
     if path.stat().st_size == 0:
         raise UserError(f"video {path} is empty (0 bytes)")
     try:
@@ -100,8 +100,10 @@ def _reason(error: "av.FFmpegError") -> str:
 
 def _orientation(path: Path, picture: "av.VideoFrame") -> int:
     """How players turn the frames of a video, as `turned` takes it."""
-    kind = need("av.sidedata.sidedata", "video").Type.DISPLAYMATRIX
-    matrix: Any = picture.side_data.get(kind)
+    from av.sidedata.sidedata import Type
+
+    sides: Any = picture.side_data
+    matrix = sides.get(Type.DISPLAYMATRIX)
     if matrix is None:
         return 1
     # Shown at x = a·column + c·row and y = b·column + d·row, in this order a, b, 0, c, d, ….
@@ -115,7 +117,8 @@ def _orientation(path: Path, picture: "av.VideoFrame") -> int:
 
 def _frames(path: Path, fps: float | None, max_megapixels: float) -> Iterator[Frame]:
     """Frames with the file's own times, or evenly at `fps`; a UserError where it is cut off."""
-    av = need("av", "video")
+    import av
+
     with _open_video(path, max_megapixels) as container:
         stream = container.streams.video[0]
         rate = float(stream.average_rate or DEFAULT_FPS)

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...extras import need
 from ...output.video import VideoFile
 from ..labels import INTERVALS, STATES
 from ..read import Loaded
@@ -63,8 +62,9 @@ def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, in
         between sequences.
     """
     import pandas as pd
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     data, video = out / f"data/{_FILE}.parquet", out / f"videos/{CAMERA}/{_FILE}.mp4"
     meta = out / f"meta/episodes/{_FILE}.parquet"
     for path in (data, video, meta):
@@ -221,7 +221,8 @@ def _joined(parts: Sequence[Arrays]) -> dict[str, list[Any]]:
 
 def _table(columns: Arrays) -> Any:
     """Rows of an episode; an array of a frame is a list of lists."""
-    pa = need("pyarrow", "data")
+    import pyarrow as pa
+
     table = {}
     for name, values in columns.items():
         table[name] = pa.array(values.ravel())

@@ -1,7 +1,5 @@
-"""Tables of labels: arrays by column, kept as Parquet, or as NumPy files without pyarrow."""
+"""Tables of labels: arrays by column, kept as Parquet."""
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...extras import missing, need
 from ...output.parquet import FORCES
-from ...strange_files import array_names, read_arrays, shortened
 from .columns import COMMON, READING, Column, Columns
 from .shot import Shot
 
@@ -25,9 +21,9 @@ MEND = "copy the dataset again, or make it again with dataset make --resume"
 Table = dict[str, NDArray[Any]]
 #: Kind of each column: `float64`, `int32`, `bool`, `string`, or `list` of `float` or `bool`.
 Kinds = Mapping[str, str]
-#: NumPy types of the kinds in a NumPy file.
+#: NumPy types of the kinds.
 _DTYPES = {
-    "float64": np.float64, "int32": np.int32, "int64": np.int64, "bool": np.bool_,
+    "float64": np.float64, "int32": np.int32, "bool": np.bool_,
     "list float": np.float32, "list bool": np.bool_,
 }  # fmt: skip
 
@@ -85,44 +81,36 @@ def marker_meanings(columns: Columns) -> dict[str, Column]:
     return {"frame": COMMON["frame"], **columns.markers, **columns.nodes}
 
 
-def table_file(name: str, table: Table, meanings: Mapping[str, Column]) -> tuple[str, bytes]:
-    """Name and bytes of the file of a table: Parquet, or NumPy's npz where pyarrow is missing."""
-    if missing("data") is None:
-        made = need("pyarrow", "data").table({key: _arrow(value) for key, value in table.items()})
-        meaning = {key: of.meaning.encode() for key, of in meanings.items()}
-        return f"{name}.parquet", _parquet(made.replace_schema_metadata(meaning))
-    sink = io.BytesIO()
-    plain = {k: v.astype(np.str_) if v.dtype == object else v for k, v in table.items()}
-    np.savez_compressed(sink, allow_pickle=False, **plain)
-    return f"{name}.npz", sink.getvalue()
+def table_bytes(table: Table, meanings: Mapping[str, Column]) -> bytes:
+    """Bytes of the Parquet file of a table."""
+    import pyarrow as pa
+
+    made = pa.table({key: _arrow(value) for key, value in table.items()})
+    meaning = {key: of.meaning.encode() for key, of in meanings.items()}
+    return _parquet(made.replace_schema_metadata(meaning))
 
 
-def rows_file(name: str, rows: Sequence[Mapping[str, Any]]) -> tuple[str, bytes]:
-    """Name and bytes of a table of any values: Parquet, or CSV where pyarrow is missing.
+def rows_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """Bytes of the Parquet file of a table of any values.
 
     Raises
     ------
     UserError
         When values of a column have no common type.
     """
+    import pyarrow as pa
+
     keys = list(dict.fromkeys(key for row in rows for key in row))
-    if missing("data") is not None:
-        sink = io.StringIO(newline="")
-        writer = csv.DictWriter(sink, keys, restval="")
-        writer.writeheader()
-        writer.writerows(rows)
-        return f"{name}.csv", sink.getvalue().encode()
-    pa = need("pyarrow", "data")
     try:
-        columns = {key: pa.array([row.get(key) for row in rows]) for key in keys}
-        return f"{name}.parquet", _parquet(pa.table(columns))
+        return _parquet(pa.table({key: pa.array([row.get(key) for row in rows]) for key in keys}))
     except (pa.ArrowException, OverflowError) as error:  # of values that a stranger gave
         raise UserError(f"drawn values of the sequences fit in no table: {error}") from None
 
 
 def _arrow(values: NDArray[Any]) -> "pa.Array":
     """Arrow array of a column."""
-    pa = need("pyarrow", "data")
+    import pyarrow as pa
+
     if values.ndim == 1:
         return pa.array(values, pa.string() if values.dtype == object else None)
     return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
@@ -130,7 +118,9 @@ def _arrow(values: NDArray[Any]) -> "pa.Array":
 
 def _parquet(table: "pa.Table") -> bytes:
     """Write a table as the bytes of a Parquet file."""
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     # Numbers do not repeat, but their signs and exponents do: bytes of equal rank lie together.
     split = [
         f"{field.name}.list.element"
@@ -144,18 +134,12 @@ def _parquet(table: "pa.Table") -> bytes:
     return bytes(sink.getvalue().to_pybytes())
 
 
-def table_in(folder: Path, name: str) -> Path:
-    """File of a table in a folder, as Parquet or as a NumPy file; Parquet if there is none."""
-    kept = folder / f"{name}.npz"
-    return kept if kept.is_file() else folder / f"{name}.parquet"
-
-
 def read_table(path: Path, rows: int, kinds: Kinds, others: bool = False) -> Table:
     """Read columns of a table; check its metadata before decoding.
 
     Parameters
     ----------
-    path: path of the file, see `table_in`
+    path: path of the file
     rows: required number of rows
     kinds: kinds of the columns to read; none of their values may be missing
     others: whether to read all other columns too, of any kind
@@ -165,32 +149,8 @@ def read_table(path: Path, rows: int, kinds: Kinds, others: bool = False) -> Tab
     UserError
         When the file is damaged or too large, or has the wrong number of rows, columns or types.
     """
-    read = _read_npz if path.suffix == ".npz" else _read_parquet
-    return read(path, rows, kinds, others)
-
-
-def _read_npz(path: Path, rows: int, kinds: Kinds, others: bool) -> Table:
-    try:
-        names = array_names(path)
-        if absent := [name for name in kinds if names.count(name) != 1]:
-            raise damaged(path, f"it must have one column {absent[0]}")
-        table = read_arrays(path, dict.fromkeys(names if others else kinds))
-    except UserError as error:
-        if str(error).startswith(f"{path} is damaged"):
-            raise
-        raise damaged(path, str(error).removeprefix(f"{path} ")) from None
-    for name, values in table.items():
-        lists = kinds.get(name, "").startswith("list")
-        if values.ndim not in ((2,) if lists else (1, 2) if name not in kinds else (1,)):
-            raise damaged(path, f"column {shortened(name)} has another shape")
-        if len(values) != rows:
-            raise damaged(path, f"it has {len(values)} rows, expected {rows}")
-        if values.dtype.kind == "U":
-            table[name] = values.astype(object)
-        kind = "string" if values.dtype.kind == "U" else values.dtype
-        if name in kinds and kind != _DTYPES.get(kinds[name], "string"):
-            raise damaged(path, f"column {name} holds {kind}, expected {kinds[name]}")
-    return table
+    table = _arrow_table(path, rows, kinds, others)
+    return {name: _values(table[name]) for name in table.column_names}
 
 
 def read_rows(path: Path, rows: int, kinds: Kinds) -> list[dict[str, Any]]:
@@ -198,13 +158,10 @@ def read_rows(path: Path, rows: int, kinds: Kinds) -> list[dict[str, Any]]:
     return list(_arrow_table(path, rows, kinds, others=True).to_pylist())
 
 
-def _read_parquet(path: Path, rows: int, kinds: Kinds, others: bool) -> Table:
-    table = _arrow_table(path, rows, kinds, others)
-    return {name: _values(table[name]) for name in table.column_names}
-
-
 def _arrow_table(path: Path, rows: int, kinds: Kinds, others: bool) -> "pa.Table":
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     try:
         with pq.ParquetFile(path) as file:
             found = file.metadata.num_rows
@@ -244,7 +201,9 @@ def _check_size(path: Path, metadata: Any) -> None:
 
 def _check_column(path: Path, name: str, column: "pa.ChunkedArray", kind: str) -> None:
     """Refuse a column with another type, missing values, or lists of different lengths."""
-    pa, pc = need("pyarrow", "data"), need("pyarrow.compute", "data")
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
     own, absent = column.type, column.null_count
     words = kind.split()
     lists = len(words) > 1
@@ -265,7 +224,9 @@ def _check_column(path: Path, name: str, column: "pa.ChunkedArray", kind: str) -
 
 def _values(column: "pa.ChunkedArray") -> NDArray[Any]:
     """Convert a column to an array, lists of one length to one with a list per row."""
-    pa, own = need("pyarrow", "data"), column.type
+    import pyarrow as pa
+
+    own = column.type
     if not (pa.types.is_list(own) or pa.types.is_fixed_size_list(own)):
         return np.asarray(column.to_numpy())
     lists = column.combine_chunks()

@@ -14,19 +14,18 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...extras import missing
 from ...scene.scene import Mechanics, PathName, Scene, load_scene
 from ...sources import open_source
 from ...strange_files import inside
 from ..columns import columns_of
 from ..trace import Summary
 from .expected_error import ExpectedError
-from .trace_file import LARGEST, MEND, MOST_ROWS, TRACES, VIDEO, read_trace
+from .trace_file import LARGEST, MEND, MOST_ROWS, TRACE, VIDEO, read_trace
 
 Array = NDArray[np.float64]
 
-#: Files that a finished run has, beside one of TRACES.
-NEEDED = ("summary.json", "scene.toml")
+#: Files that a finished run has.
+NEEDED = ("summary.json", "scene.toml", TRACE)
 #: Largest text that is read whole [bytes].
 LARGEST_TEXT = 2**24
 #: Largest video or picture that is read whole [bytes].
@@ -37,9 +36,7 @@ _LATER = {1: (), 2: ("_deviation_n", "_deviation_nmm", "limit_margin_low", "limi
 #: What makes a folder with a file that no run has, and what reads it, by the file.
 _OTHERS = {
     "estimates.parquet": "`chromagrip estimate`: open its figure.png and overlay.mp4",
-    "estimates.csv": "`chromagrip estimate`: open its figure.png",
     "tracks.parquet": "`chromagrip track`: `chromagrip score` reads it",
-    "tracks.csv": "`chromagrip track`: `chromagrip score` reads it",
     "manifest.json": "`chromagrip dataset make`: `chromagrip dataset info` reads it",
     "files.json": "`chromagrip dataset make`, as a sequence: `chromagrip estimate` reads it",
     "poses.json": "`chromagrip render`: `chromagrip estimate` reads it",
@@ -177,22 +174,22 @@ def read_run(
     if not folder.is_dir():
         why = "it is a file" if folder.is_file() else "there is no such folder"
         raise UserError(f"{folder} is not a run folder: {why}")
-    files = {name: inside(folder, name, follow_links) for name in (*NEEDED, *TRACES, VIDEO)}
-    found = next((files[name] for name in TRACES if files[name].is_file()), None)
+    files = {name: inside(folder, name, follow_links) for name in (*NEEDED, VIDEO)}
     lacks = [name for name in NEEDED if not files[name].is_file()]
-    if lacks or found is None:
-        lack = lacks[0] if lacks else " or ".join(TRACES)
-        raise UserError(f"{folder} is not a finished run: it has no {lack}{_other_kind(folder)}")
+    if lacks:
+        raise UserError(
+            f"{folder} is not a finished run: it has no {lacks[0]}{_other_kind(folder)}"
+        )
     check_size(files["scene.toml"], LARGEST_TEXT)
     scene = load_scene(str(files["scene.toml"]), allow=allow)
     summary = _read_summary(files["summary.json"], _SUMMARIES[scene.fingers])
     wanted = list(columns_of(scene.mechanics))
     later = _LATER[scene.fingers]
-    columns = read_trace(found, wanted, later, max_rows)
+    columns = read_trace(files[TRACE], wanted, later, max_rows)
     rows = len(columns["time_s"])
     if rows != summary["frames"]:
         raise UserError(
-            f"{found} has {rows} rows, and summary.json {summary['frames']} frames; {MEND}"
+            f"{files[TRACE]} has {rows} rows, and summary.json {summary['frames']} frames; {MEND}"
         )
     _check_video(files[VIDEO])
     return RunRead(
@@ -233,8 +230,7 @@ def _check_video(path: Path) -> None:
         raise UserError(f"{path} is a folder, not a video; {MEND}")
     if path.is_file():
         check_size(path, LARGEST_FILE)
-        if missing("video") is None:
-            open_source(str(path))
+        open_source(str(path))
 
 
 def check_size(path: Path, largest: int) -> None:

@@ -1,4 +1,4 @@
-"""The file of a trace: a Parquet table, or a NumPy file without the extra `data`.
+"""The file of a trace, a Parquet table.
 
 It may be a stranger's: it is checked before it is decoded.
 """
@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...extras import need
-from ...strange_files import array_headers, array_names, read_arrays, shortened
+from ...strange_files import shortened
 
 Array = NDArray[np.float64]
 
-#: Names of the file in a run folder; if both are there, the first one counts.
-TRACES = ("trace.parquet", "trace.npz")
+#: Name of the file in a run folder.
+TRACE = "trace.parquet"
 #: Name of the video beside it, which a run may lack.
 VIDEO = "tactile.mp4"
 #: Largest number of rows that is read.
@@ -32,14 +31,13 @@ def write_trace(path: Path, columns: Mapping[str, Array], meanings: Mapping[str,
 
     Parameters
     ----------
-    path: path of the file; its suffix is that of one of TRACES
+    path: path of the file
     columns: columns by name
-    meanings: meaning of each column that is written; a Parquet table holds it
+    meanings: meaning of each column that is written
     """
-    if path.suffix == ".npz":
-        np.savez(path, allow_pickle=False, **{name: columns[name] for name in meanings})
-        return
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     table = pa.table({name: pa.array(columns[name]) for name in meanings})
     encoded = {name: text.encode() for name, text in meanings.items()}
     pq.write_table(table.replace_schema_metadata(encoded), path)
@@ -52,7 +50,7 @@ def read_trace(
 
     Parameters
     ----------
-    path: path of a Parquet table, or of a NumPy file with an array for each column
+    path: path of the file
     names: names of the columns
     later: endings of the names of columns that may be missing
     max_rows: largest number of rows, checked before they are read
@@ -62,43 +60,30 @@ def read_trace(
     UserError
         When it cannot be read, lacks a column, or has values that no trace has.
     """
-    read = _read_parquet if path.suffix == ".parquet" else _read_npz
-    columns = read(path, names, later, max_rows)
-    _check_values(path, columns)
-    return columns
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
-
-def _read_parquet(
-    path: Path, names: list[str], later: tuple[str, ...], max_rows: int
-) -> dict[str, Array]:
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     try:
         with pq.ParquetFile(path) as file:
-            schema = file.schema_arrow
-            _check_rows(path, file.metadata.num_rows, max_rows)
+            rows, schema = file.metadata.num_rows, file.schema_arrow
+            if not 0 < rows <= max_rows:
+                allowed = f"a run has 1 to {max_rows}; for more give --max-rows N"
+                raise UserError(f"{path} has {rows} rows; {allowed}")
             there = _there(path, names, later, schema.names)
-            _check_kinds(path, {name: str(schema.field(name).type) for name in there})
+            for name in there:  # checked before they are decoded
+                kind = str(schema.field(name).type)
+                if not kind.startswith(("double", "float", "halffloat", "int", "uint")):
+                    said = f"column {name} holds {shortened(kind)}, not numbers"
+                    raise UserError(f"{path}: {said}; {MEND}")
             table = file.read(columns=there)
-        return {name: table[name].cast("float64").to_numpy() for name in table.column_names}
+        columns = {name: table[name].cast("float64").to_numpy() for name in there}
+    except UserError:
+        raise
     except (OSError, ValueError, pa.ArrowException) as error:
-        if isinstance(error, UserError):
-            raise
         reason = shortened(str(error).split("\n")[0], 200)
         raise UserError(f"{path} cannot be read as a trace: {reason}; {MEND}") from None
-
-
-def _read_npz(
-    path: Path, names: list[str], later: tuple[str, ...], max_rows: int
-) -> dict[str, Array]:
-    there = _there(path, names, later, array_names(path))
-    headers = array_headers(path, there)
-    shapes = {shape for shape, _ in headers.values()}
-    if any(len(shape) != 1 for shape in shapes) or len(shapes) != 1:
-        raise UserError(f"{path} has columns of different lengths; {MEND}")
-    _check_rows(path, min(shapes)[0], max_rows)
-    _check_kinds(path, {name: str(kind) for name, (_, kind) in headers.items()})
-    columns = read_arrays(path, there, max_rows)
-    return {name: columns[name].astype(float) for name in there}
+    _check_values(path, columns)
+    return columns
 
 
 def _there(path: Path, names: list[str], later: tuple[str, ...], found: list[str]) -> list[str]:
@@ -110,19 +95,6 @@ def _there(path: Path, names: list[str], later: tuple[str, ...], found: list[str
             wrong = "no column" if count == 0 else f"{count} columns"
             raise UserError(f"{path} has {wrong} {name}; {MEND}")
     return there
-
-
-def _check_rows(path: Path, rows: int, most: int) -> None:
-    if not 0 < rows <= most:
-        allowed = f"a run has 1 to {most}; for more give --max-rows N"
-        raise UserError(f"{path} has {rows} rows; {allowed}")
-
-
-def _check_kinds(path: Path, kinds: Mapping[str, str]) -> None:
-    """Refuse columns that hold no numbers, before they are decoded."""
-    for name, kind in kinds.items():
-        if not kind.startswith(("double", "float", "halffloat", "int", "uint")):
-            raise UserError(f"{path}: column {name} holds {shortened(kind)}, not numbers; {MEND}")
 
 
 def _check_values(path: Path, columns: Mapping[str, Array]) -> None:

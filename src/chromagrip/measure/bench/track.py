@@ -9,7 +9,6 @@ import numpy as np
 
 from ...by_name import Choice
 from ...errors import UserError
-from ...extras import missing
 from ...output.report import (
     Bounds,
     Report,
@@ -194,10 +193,6 @@ def _scene_rows(part: TrackPart) -> Iterator[Row]:
 
 def _codec_rows(part: TrackPart) -> Iterator[Row]:
     """Errors of the default tracker over what it states, in the scene `clean` after a codec."""
-    reason = missing("video")
-    if reason is not None and not part.name.startswith("jpeg"):
-        yield reported(("codec", part.name, "refused"), None, "", reason)
-        return
     after = compressed(sequence(SCENES["clean"], FRAMES, limits=False), CODECS[part.name])
     found = stated_errors(follow(DEFAULT_TRACKER, after), after)
     found["places"] = max(found[f"{layer}_places"] for layer in LAYERS)

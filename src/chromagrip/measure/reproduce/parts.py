@@ -7,7 +7,6 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from ...extras import require
 from ...output.cells import unfinished_in
 from ...output.figure import png
 from ...output.page import write_page
@@ -103,8 +102,6 @@ def reproduce(
     -------
     Rows with a sentence for each figure or table as notes, and its section.
     """
-    if out is not None:
-        require("data")
     with unfinished_in(out, UNFINISHED, overwrite) as unfinished:
         traced = [job for name in parts if name in _TRACED for job in _TRACED[name](plan)]
         summed = [job for name in parts if name in _SUMMED for job in _SUMMED[name](plan)]

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...errors import UserError
-from ...extras import need
 from ...folders import whole_file
 from ...loop.columns import columns_of
-from ...loop.results.trace_file import read_trace
+from ...loop.results.trace_file import read_trace, write_trace
 from ...loop.run import run
 from ...loop.trace import Trace
 from ...model import ContactObject
@@ -168,6 +167,8 @@ def run_jobs(
     traces = {job: trace for job, trace in read.items() if trace is not None}
     done = (c for c in read_cells(part, Cell) if c.job not in paths or c.job in traces)
 
+    meanings = {name: column.meaning for name, column in columns_of("chain").items()}
+
     def results(waiting: list[Job]) -> Generator[Cell]:
         for cell, trace in map_processes(_run, waiting, workers):
             if cell.job in traced:
@@ -175,7 +176,9 @@ def run_jobs(
                     raise UserError(f"{cell.scene}, {cell.changes}: {cell.stopped}")
                 traces[cell.job] = trace
                 if cell.job in paths:
-                    _write_trace(trace, paths[cell.job])
+                    paths[cell.job].parent.mkdir(exist_ok=True)
+                    with whole_file(paths[cell.job]) as file:
+                        write_trace(file, trace.columns, meanings)
             yield cell
 
     def tell(count: int, total: int) -> None:
@@ -205,14 +208,6 @@ def _run(job: Job) -> tuple[Cell, Trace | None]:
         reactions=len(result.summary["slip_reactions"]),
     )
     return cell, result.trace
-
-
-def _write_trace(trace: Trace, path: Path) -> None:
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
-    path.parent.mkdir(exist_ok=True)
-    table = pa.table({name: pa.array(trace[name]) for name in columns_of("chain")})
-    with whole_file(path) as part:
-        pq.write_table(table, part)
 
 
 def _read_trace(path: Path) -> Trace | None:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError, located
-from ...extras import need
 from ...strange_files import array_names, read_arrays, shortened
 
 Array = NDArray[np.float64]
@@ -168,9 +167,11 @@ def _too_many(found: str, most: int) -> UserError:
 
 def _parquet_parts(path: Path, most: int) -> Iterator[tuple[dict[str, str], Rows]]:
     """Yield some rows at a time, with the names of their columns."""
-    pa = need("pyarrow", "data")
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     try:
-        with need("pyarrow.parquet", "data").ParquetFile(path) as file:
+        with pq.ParquetFile(path) as file:
             if file.metadata.num_rows > most:  # before anything is decoded
                 raise _too_many(f"{file.metadata.num_rows} rows", most)
             called = _called(file.schema_arrow.names)

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...extras import need
 from ...render import Frame
 
 if TYPE_CHECKING:
@@ -73,18 +72,14 @@ def _through_jpeg(options: list[int], frames: Sequence[Frame]) -> list[Frame]:
 def _through_video(
     names: tuple[str, str], chroma: str, options: dict[str, str], frames: Sequence[Frame]
 ) -> list[Frame]:
-    """Frames through an encoder and a decoder of these names.
+    """Frames through an encoder and a decoder of these names."""
+    from av import CodecContext
 
-    Raises
-    ------
-    UserError
-        When the extra `video` is missing.
-    """
     if not frames:
         return []
-    codecs = need("av", "video").CodecContext
     height, width = frames[0].image.shape[:2]
-    encoder, decoder = codecs.create(names[0], "w"), codecs.create(names[1], "r")
+    encoder: Any = CodecContext.create(names[0], "w")
+    decoder: Any = CodecContext.create(names[1], "r")
     # Colours are stored for two by two pixels.
     encoder.width, encoder.height = width + width % 2, height + height % 2
     encoder.pix_fmt, encoder.options = chroma, options
@@ -107,9 +102,10 @@ def _packets(encoder: "VideoCodecContext", frames: Sequence[Frame]) -> list[Any]
 
 def _picture(encoder: "VideoCodecContext", image: Image, number: int) -> "VideoFrame":
     """Picture of the encoder's size, whose last row and column are repeated where it is larger."""
-    pictures: Any = need("av", "video").VideoFrame
+    from av import VideoFrame
+
     below, right = encoder.height - image.shape[0], encoder.width - image.shape[1]
-    even = cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE)
-    picture: VideoFrame = pictures.from_ndarray(even, format="rgb24")
+    even: Any = cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE)
+    picture = VideoFrame.from_ndarray(even, format="rgb24")
     picture.pts, picture.time_base = number, encoder.time_base
     return picture
