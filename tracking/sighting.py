@@ -6,7 +6,7 @@ need not be known. Surroundings, a frame, lamps or a label do not repeat like th
 """
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import cv2
@@ -122,22 +122,6 @@ class Sighting:
     position: Array
     radius: float
     pitch: float
-
-    def scaled(self, scale: float, size: tuple[int, int]) -> "Sighting":
-        """The same in the picture scaled to a width and height [px], about its outer edge."""
-
-        def resized(mask: Mask) -> Mask:
-            wide = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-            return np.asarray(wide).astype(bool)
-
-        return replace(
-            self,
-            field=resized(self.field),
-            spots=resized(self.spots),
-            position=scale * (self.position + 0.5) - 0.5,
-            radius=scale * self.radius,
-            pitch=scale * self.pitch,
-        )
 
 
 def sight(

@@ -144,11 +144,11 @@ def test_scores_are_the_same(both: tuple[Path, Path], typed: Typed) -> None:
     np.testing.assert_array_equal(said[0], said[1])
     scores = []
     for folder in both:
-        done = typed("score", "blob", str(folder), "--json")
+        done = typed("score", "centroid", str(folder), "--json")
         assert done.returncode == 0, done.stderr
         scores.append({k: v for k, v in json.loads(done.stdout).items() if k != "truth"})
     assert scores[0] == scores[1]
-    assert "blob" in str(scores[0])
+    assert "centroid" in str(scores[0])
 
 
 @pytest.mark.slow

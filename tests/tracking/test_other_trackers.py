@@ -30,9 +30,10 @@ IMAGE_MIDDLE = np.array([319.5, 239.5])
 #: RMS error of a displacement per coordinate that each may have [px]. The limit for one disc is
 #: 0.0092; known of one layer of discs: Lucas–Kanade 0.0116, mask centroids 0.088.
 ALLOWED = {
-    "lk": 0.022,  # edges of the other dye, which densities in log space do not quite divide out
+    # Edges of the other dye, which densities in log space do not quite divide out.
+    "lk": 0.022,
+    "centroid": 0.022,
     "detect": 0.0135,
-    "blob": 0.045,
     "chromatouch": 0.12,
 }
 NAMES = list(ALLOWED)
@@ -254,7 +255,7 @@ def test_chromatouch_hue_turns_from_overlap_towards_magenta() -> None:
     assert np.nanmedian(tracks.hue) < start - 10.0
 
 
-@pytest.mark.parametrize("name", ["blob", "chromatouch"])
+@pytest.mark.parametrize("name", ["centroid", "chromatouch"])
 def test_the_jump_that_makes_a_number_doubtful_is_a_setting(name: str) -> None:
     known = load_palette("dark-dots")
     tracker = load_tracker(name, {"settings": FollowerSettings(doubtful_jump=0.1)})(known, NOISE)
