@@ -84,7 +84,6 @@ class Spots(NamedTuple):
 
     Attributes
     ----------
-    channel: index of the channel
     bright: whether they are brighter than the ground
     position: centres [px], shape (n, 2)
     area: areas [px²], shape (n,)
@@ -93,7 +92,6 @@ class Spots(NamedTuple):
     dense: whether there is hardly more ground than spots, so that more regular ones are wanted
     """
 
-    channel: int
     bright: bool
     position: Array
     area: Array
@@ -199,7 +197,7 @@ def _patterns(image: Image, channel: int, settings: SightSettings) -> list[Spots
             if some.sum() < settings.fewest:
                 continue
             clear = float(np.median(abs(contrast[some]) / rough[some]))
-            found.append(Spots(channel, bright, at[some], size[some], clear, 0.0, dense))
+            found.append(Spots(bright, at[some], size[some], clear, 0.0, dense))
     return [spots._replace(pitch=_pitch(spots.position)) for spots in found]
 
 

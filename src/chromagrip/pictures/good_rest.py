@@ -1,7 +1,6 @@
 """Rest frames that are unlike most others: black, torn, blurred, half covered or moved ones."""
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -13,34 +12,7 @@ Single = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RestSettings:
-    """How unlike the others a rest frame may be.
-
-    Attributes
-    ----------
-    side: longer side to which pictures are reduced, by a whole factor [px]
-    blocks: number of blocks along it; none is smaller than `least_block` [px]
-    most: largest number of frames that the others are compared with
-    above_noise: energy of a block over that of its noise, from which it is compared
-    residual: energy of the difference of two blocks over the larger energy, above which they
-        differ; dots that have moved by 1.4 px have about as much
-    share, least: share of the blocks that differ in a frame that is left out, and their number
-    """
-
-    side: int = 640
-    blocks: int = 16
-    least_block: int = 12
-    most: int = 31
-    above_noise: float = 40.0
-    residual: float = 0.4
-    share: float = 0.05
-    least: int = 2
-
-
-def unlike(
-    images: list[Image], field: Mask | None = None, settings: RestSettings = RestSettings()
-) -> dict[int, str]:
+def unlike(images: list[Image], field: Mask | None = None) -> dict[int, str]:
     """Say of each frame that is unlike most others what is wrong with it, by its number.
 
     All are compared with the one that most are like, block by block, in a band of scales that shows
@@ -50,16 +22,26 @@ def unlike(
     ----------
     images: frames of a sensor at rest, of one size, shape (H, W, 3) each
     field: pixels that are compared, shape (H, W); by default all
-    settings: see `RestSettings`
     """
+    # Longer side to which pictures are reduced [px], number of blocks along it, and their least
+    # side [px].
+    longest, along, least_side = 640, 16, 12
+    # Largest number of frames that the others are compared with.
+    most = 31
+    # Energy of a block over that of its noise from which it is compared; energy of the difference
+    # of two over the larger energy from which they differ: dots moved by 1.4 px have about as much.
+    above_noise, residual = 40.0, 0.4
+    # Share of the blocks that differ in a frame that is left out, and their number.
+    least_share, least_count = 0.05, 2
     height, width = images[0].shape[:2]
-    factor = math.ceil(max(height, width) / settings.side)
+    factor = math.ceil(max(height, width) / longest)
     size = (width // factor, height // factor)
-    if len(images) < 2 or min(size) < settings.least_block:
+    if len(images) < 2 or min(size) < least_side:
         return {}
-    small = [np.asarray(cv2.resize(i, size, interpolation=cv2.INTER_AREA)) for i in images]
-    side = max(settings.least_block, max(size) // settings.blocks)
-    some = [*range(0, len(small), math.ceil(len(small) / settings.most))]
+    area = cv2.INTER_AREA
+    small = [np.asarray(cv2.resize(i, size, interpolation=area), np.uint8) for i in images]
+    side = max(least_side, max(size) // along)
+    some = [*range(0, len(small), math.ceil(len(small) / most))]
     models = np.stack([_blocks(_band(small[k]), side) for k in some], axis=1)
     # Energies of the B blocks of n frames, (B, n), and of what r of them have in common, (B, n, r).
     energies, commons = [], []
@@ -70,16 +52,16 @@ def unlike(
     energy, common = np.stack(energies, axis=1), np.stack(commons, axis=1)
     noise = float(np.median([_noise(image) for image in small]))
     of_noise = _BAND_GAIN * noise**2 * models.shape[2]
-    shown = energy > settings.above_noise * of_noise
+    shown = energy > above_noise * of_noise
     if field is not None:
-        inside = cv2.resize(field.astype(np.float32), size)[..., None]
-        shown &= _blocks(inside, side).mean(axis=1)[:, None] > 0.5
+        inside = np.asarray(cv2.resize(field.astype(np.float32), size), np.float32)
+        shown &= _blocks(inside[..., None], side).mean(axis=1)[:, None] > 0.5
     compared = shown[:, :, None] | shown[:, None, some]
     one, other = energy[:, :, None], energy[:, None, some]
     apart, larger = one + other - 2.0 * common - 2.0 * of_noise, np.maximum(one, other)
-    differs = compared & (apart > settings.residual * larger)
+    differs = compared & (apart > residual * larger)
     share = differs.sum(axis=0) / np.maximum(compared.sum(axis=0), 1)
-    alike = (share <= settings.share) | (differs.sum(axis=0) < settings.least)
+    alike = (share <= least_share) | (differs.sum(axis=0) < least_count)
     # Of equals the one that shows more; what looks for markers refuses frames that show nothing.
     votes = np.where(shown[:, some].any(axis=0), alike.sum(axis=0), -1)
     best = max(range(len(some)), key=lambda k: (votes[k], energy[:, some[k]].sum()))
