@@ -44,8 +44,8 @@ from chromagrip.thesis import OBJECTS
 from chromagrip.tracking import Palette, load_tracker
 
 _CONTROLLER = {"controller": "margin-inversion"}
-#: Changes to a loop of freely available parts: a mesh renderer and OpenCV's blob detector.
-_OBVIOUS = {"renderer": "pyrender", "tracker": "blob"}
+#: Changes to a loop of freely available parts: a mesh renderer and weighted centroids.
+_OBVIOUS = {"renderer": "pyrender", "tracker": "centroid"}
 #: Stages of a frame on the camera path; the rest is the node model, the controller and the loop.
 STAGES = ("picture", "noise", "tracking", "forces", "the rest")
 #: Number of objects that the table of fidelities does not hold.
@@ -147,7 +147,7 @@ def _holding_rows() -> Iterator[Row]:
 
 
 def _obvious_rows() -> Iterator[Row]:
-    """The default over pyrender, a blob detector and the same model: each stage and their sum."""
+    """Pyrender, weighted centroids and the same model over the default: each stage and the sum."""
     if (problem := gl_problem()) is not None:
         yield reported(("speed", "obvious", "not_measured"), None, "", problem)
         return

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..render import Frame, SensorDesign, inside_rim, pixel_places
-from .measured_spots import Levels, Markers, measured, measured_in_strips, over_ground
+from .measured_spots import Levels, Markers, measured, over_ground
 from .palette import Palette
 from .spots import Spots, SpotSettings, find_spots, typical_area
 from .unmixing import (
@@ -85,24 +85,20 @@ class RestFrame:
         ]
 
 
-def detect_markers(
-    image: Levels, palette: Palette, fine: NDArray[np.uint8] | None = None
-) -> list[Markers]:
+def detect_markers(image: Levels, palette: Palette) -> list[Markers]:
     """Detect the markers of each of the palette's layers in one picture.
 
     Parameters
     ----------
     image: sRGB levels 0…255, shape (H, W, 3)
     palette: colours of the markers
-    fine: the same picture before it was reduced by a whole factor k, in which the markers are
-        measured then, shape (kH, kW, 3)
 
     Raises
     ------
     UserError
         When the picture is grey and the palette is not, or it shows no markers.
     """
-    return _detect(image, palette, fine)[0]
+    return _detect(image, palette)[0]
 
 
 def check_told_apart(layers: Sequence[Markers | Spots], palette: Palette) -> None:
@@ -282,9 +278,7 @@ def _mutual(first: Array, second: Array, reach: float) -> NDArray[np.intp]:
     return np.column_stack([np.flatnonzero(mutual), partner[mutual]])
 
 
-def _detect(
-    image: Levels, palette: Palette, fine: NDArray[np.uint8] | None = None
-) -> tuple[list[Markers], Single, NDArray[np.bool_]]:
+def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDArray[np.bool_]]:
     """Markers of each layer, the ground between them, and a mask of the skin."""
     _check_image(image, palette)
     linear = linear_light(image)
@@ -324,8 +318,6 @@ def _detect(
             f"no markers found: nothing in the image has the colours of the palette's "
             f"{' and '.join(palette.names)}"
         )
-    if fine is not None:
-        return measured_in_strips(fine, spots, ground, field, palette), ground, field
     return measured(spots, image, over_ground(linear, ground, field), palette), ground, field
 
 

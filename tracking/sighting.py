@@ -6,7 +6,7 @@ need not be known. Surroundings, a frame, lamps or a label do not repeat like th
 """
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import cv2
@@ -84,7 +84,6 @@ class Spots(NamedTuple):
 
     Attributes
     ----------
-    channel: index of the channel
     bright: whether they are brighter than the ground
     position: centres [px], shape (n, 2)
     area: areas [px²], shape (n,)
@@ -93,7 +92,6 @@ class Spots(NamedTuple):
     dense: whether there is hardly more ground than spots, so that more regular ones are wanted
     """
 
-    channel: int
     bright: bool
     position: Array
     area: Array
@@ -122,22 +120,6 @@ class Sighting:
     position: Array
     radius: float
     pitch: float
-
-    def scaled(self, scale: float, size: tuple[int, int]) -> "Sighting":
-        """The same in the picture scaled to a width and height [px], about its outer edge."""
-
-        def resized(mask: Mask) -> Mask:
-            wide = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-            return np.asarray(wide).astype(bool)
-
-        return replace(
-            self,
-            field=resized(self.field),
-            spots=resized(self.spots),
-            position=scale * (self.position + 0.5) - 0.5,
-            radius=scale * self.radius,
-            pitch=scale * self.pitch,
-        )
 
 
 def sight(
@@ -215,7 +197,7 @@ def _patterns(image: Image, channel: int, settings: SightSettings) -> list[Spots
             if some.sum() < settings.fewest:
                 continue
             clear = float(np.median(abs(contrast[some]) / rough[some]))
-            found.append(Spots(channel, bright, at[some], size[some], clear, 0.0, dense))
+            found.append(Spots(bright, at[some], size[some], clear, 0.0, dense))
     return [spots._replace(pitch=_pitch(spots.position)) for spots in found]
 
 

@@ -152,7 +152,7 @@ def _length_to_width(
     return np.sqrt((half + apart) / np.maximum(half - apart, 1e-9))
 
 
-def surroundings(spots: Spots, settings: SpotSettings = SpotSettings()) -> tuple[Indices, Indices]:
+def surroundings(spots: Spots) -> tuple[Indices, Indices]:
     """Pixels of spots and their blurred edges, and the nearest spot to each.
 
     Returns
@@ -166,7 +166,7 @@ def surroundings(spots: Spots, settings: SpotSettings = SpotSettings()) -> tuple
     nearest = np.asarray(labels)
     number = np.zeros(int(mask.sum()) + 1, dtype=np.intp)
     number[nearest[mask]] = spots.labels[mask] - 1
-    pixels: Indices = np.flatnonzero(np.asarray(distance) <= settings.reach)
+    pixels: Indices = np.flatnonzero(np.asarray(distance) <= SpotSettings.reach)
     return pixels, number[nearest.ravel()[pixels]]
 
 

@@ -76,7 +76,10 @@ TRACKERS = Registry(
             "markers of any form, detected in every frame",
         ),
         "lk": (".baselines.flow:LucasKanade", "Lucas-Kanade from the rest frame, warm started"),
-        "blob": (".baselines.blob:BlobDetector", "OpenCV's blob detector on dye density"),
+        "centroid": (
+            ".baselines.centroid:WeightedCentroid",
+            "centroid of dye density in a window that follows the marker",
+        ),
         "chromatouch": (
             ".baselines.chromatouch:ChromaTouch",
             "the published pipeline: top-hat, HSV mask, hue",

@@ -271,7 +271,7 @@ def test_a_press_that_is_too_deep_is_one_sentence(line: str, words: str, typed: 
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("score blobs data", "there is no blobs (did you mean blob or blobs:Class?); wanted: "),
+        ("score blobs data", "there is no blobs (did you mean blobs:Class?); wanted: "),
         ("grasp --controller blobs", "no controller 'blobs' (did you mean blobs:Class?); there is"),
         ("grasp --controller blobs.py", "no controller 'blobs.py' (did you mean blobs:Class?); "),
         ("bench blobs", "bench blobs (did you mean blobs:function?): there is control, force, "),

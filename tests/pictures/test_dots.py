@@ -114,7 +114,7 @@ def test_dots_of_two_or_three_sizes_are_all_found(number: int, bright: bool) -> 
     assert np.sqrt(dots.area / np.pi) == pytest.approx(radii[nearest], abs=0.25)
 
 
-@pytest.mark.parametrize("tracker", ["fit", "quick", "detect", "lk", "blob", "chromatouch"])
+@pytest.mark.parametrize("tracker", ["fit", "quick", "detect", "lk", "centroid", "chromatouch"])
 @pytest.mark.parametrize("number", [3, 4])
 def test_dots_of_all_sizes_are_followed(number: int, tracker: str) -> None:
     image, places, _ = kinds(number)

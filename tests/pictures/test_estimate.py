@@ -160,69 +160,6 @@ def test_pictures_of_another_size_are_scaled_to_the_sensors(scale: float, tmp_pa
         assert (abs(column(out, f"{name}_n")[1:] - true) < reach).all()
 
 
-@pytest.fixture(scope="module")
-def pressed(folders: Folders, tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
-    """Estimates of the whole pictures of the end of the grasp, by column."""
-    out = tmp_path_factory.mktemp("pressed")
-    return changed_estimates(folders, out, lambda image: image)
-
-
-COLUMNS = [f"{n}{e}_n" for n in ("normal", "friction") for e in ("", "_low", "_high")]
-COLUMNS += ["margin", "margin_low", "margin_high"]
-
-
-def changed_estimates(
-    folders: Folders, root: Path, change: Callable[[np.ndarray], np.ndarray]
-) -> dict[str, np.ndarray]:
-    """Estimates of changed pictures of the end of the grasp, by column."""
-    save(root / "rest.png", change(read(Path(folders.rest))))
-    for k in (6, 8, 12):
-        save(root / "frames" / f"{k:02}.png", change(read(folders.grasp / f"{k}.png")))
-    words = (str(root / "rest.png"), str(root / "frames"))
-    options = {"calibration": folders.calibration, "noise": NOISE, "out": root / "out"}
-    assert estimate(*words, **options, fps=1.0) == 0
-    return {name: column(root / "out", name) for name in COLUMNS}
-
-
-def bordered(image: np.ndarray, around: int, level: int) -> np.ndarray:
-    side = [around] * 4
-    return np.asarray(cv2.copyMakeBorder(image, *side, cv2.BORDER_CONSTANT, value=[level] * 3))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("change", "placed", "reach"),
-    [
-        pytest.param(lambda image: image[:, 80:560], [-80, 0], 0.1, marks=pytest.mark.slow),
-        (lambda image: bordered(image[5:475, 84:550], 30, 255), [-54, 25], 0.1),
-        # A fifth of the dome is cut off, where nothing touches it.
-        pytest.param(lambda image: image[:, 80:464], [-80, 0], 0.5, marks=pytest.mark.slow),
-        (lambda image: bordered(image[20:, 150:520], 40, 0), [-110, 20], 0.5),
-    ],
-)
-def test_cropped_and_padded_pictures_are_read_like_whole_ones(
-    folders: Folders,
-    pressed: dict[str, np.ndarray],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    change: Callable[[np.ndarray], np.ndarray],
-    placed: list[int],
-    reach: float,
-) -> None:
-    found = changed_estimates(folders, tmp_path, change)
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
-    assert summary["scaled_by"] == 1.0
-    assert summary["view_px"] == [*placed, 640, 480]
-    told = " ".join(capsys.readouterr().out.split())
-    assert f"scaled by 1.000 to the sensor's: 640×480 px from ({placed[0]}, {placed[1]})" in told
-    for name in ("normal_n", "friction_n", "margin"):
-        low, high = (pressed[end] for end in _ends(name))
-        half = 0.5 * (high - low)
-        assert (abs(found[name] - pressed[name]) < reach * half).all()
-        low, high = (found[end] for end in _ends(name))
-        np.testing.assert_allclose(0.5 * (high - low), half, rtol=0.3, atol=0.02)
-
-
 def test_calibrated_forces_of_an_unseen_object_are_better(
     folders: Folders, estimated: Path, tmp_path: Path
 ) -> None:
@@ -355,6 +292,11 @@ def mirrored(image: np.ndarray) -> np.ndarray:
             {"calibration": "dome-2022", "reconstructor": ""},
             None,
             r"calibration dome-2022: \d+ % of the markers at rest lie",
+        ),
+        (
+            {"calibration": "thesis"},
+            lambda image: image[:, 80:560],
+            "480×480 pixels, the sensor's camera gives 640×480, .* crop=480:360:LEFT:TOP",
         ),
         ({"calibration": "thesis"}, mirrored, r"turned and shifted, \d+\.\d px RMS from them"),
         (

@@ -595,7 +595,6 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).touch()
     (folder / "cut.png").write_bytes((folder / "dots.png").read_bytes()[:2000])
-    (folder / "cut.jpg").write_bytes(cv2.imencode(".jpg", image)[1].tobytes()[:2000])
     for name in ("empty.png", "empty.mp4"):
         (folder / name).touch()
     for name in ("text.mp4", "text.txt"):
@@ -625,14 +624,11 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "detect text.mp4",
             "text.mp4 is no picture; detect takes one .* `chromagrip track` reads v",
         ),
-        ("detect frames", "frames is no picture; detect takes one"),
-        ("detect cut.jpg", "picture cut.jpg cannot be read: it is cut off, or not a jpg file"),
         ("detect empty.png", "picture empty.png is empty"),
         ("detect deep.png", "picture deep.png has uint16 values from"),
         ("detect clear.png", "picture clear.png has transparent pixels"),
         ("detect dots.png --palette chromatouch", "image is grey .* need a colour image"),
         ("detect grey.png", "picture grey.png: no regular marker pattern found in the picture"),
-        ("detect grey.png --palette dark-dots", "picture grey.png: no regular marker pattern"),
         ("detect dots.png --crop 1,2,3", "--crop 1,2,3: expected left,top,width,height"),
         ("detect dots.png --crop 9,9,300,90", "does not lie in the picture of 240×180 pixels"),
         ("detect dots.png --crop 0,0,240,20", "no regular marker pattern found in the picture"),
@@ -641,10 +637,8 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "detect dots.png --mask grey.png",
             "mask grey.png is a picture, no mask: .* is neither bl",
         ),
-        ("detect dots.png --mask none.png", "picture none.png cannot be read"),
         ("detect dots.png --save-palette a.txt", "must end in .toml"),
         ("detect dots.png --palette nosuch", "no palette 'nosuch'; there is"),
-        ("detect dots.png --palette thesis", "image is grey .* need a colour image"),
         ("detect dots.png --palette dark-dots --out dots.png", "exists; choose another or give"),
         ("detect dots.png --palette dark-dots --out a.jpg", "must end in .png"),
         ("track first nowhere DARK", "there is no nowhere; give a picture, a folder"),
@@ -660,30 +654,21 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("track dots.png set DARK", "folder set is a dataset: give one of .* such as set/seq"),
         ("track first:x frames DARK", "rest first:x: there is no .* first, first:N or auto"),
         ("track small.png frames DARK", r"frame 0 of frames \(0.png\) is 240×180 .* 200×180"),
-        ("track dome.png frames", r"frame 0 of frames \(0.png\) is 240×180 pixels, .* 640×480"),
         (
             "track grey.png frames DARK",
             "rest grey.png: no regular marker pattern found in the picture",
         ),
-        ("track first grey.png DARK", "rest frame 0 of grey.png: no regular marker pattern"),
         (
             "track auto grey.png DARK",
             "auto can use no frame of grey.png; .* no regular marker pattern",
         ),
         ("track loaded.png dome.png --palette thesis", "rest frame looks loaded: around"),
-        ("track first frames --palette chromatouch", r"frame 0 of frames \(0.png\): image is grey"),
         ("track auto frames DARK", "chromagrip: rest auto needs two layers .* shows dark alone"),
         ("track auto camera:9", "rest auto looks at every frame twice"),
         ("track camera:9 frames DARK", "rest camera:9 is a camera; give a picture"),
         ("track first camera:99 DARK", "camera 99 cannot be opened"),
-        ("track first frames DARK --fps 0", "--fps 0.0: expected 0.001 or more"),
         ("track first frames DARK --noise nan", "--noise nan: expected 0 or more"),
-        ("track first frames DARK --frames 0", "--frames 0: expected 1 or more"),
-        ("track first frames DARK --tracker nosuch", "no tracker 'nosuch'; there is"),
-        (
-            "track first frames DARK --tracker no.such:It",
-            "there is no module no in the working folder",
-        ),
+        ("track first frames DARK --tracker blob", "no tracker 'blob'; there is fit, .*centroid"),
         ("track first frames DARK --tracker bad_trackers:NoUpdate", "has no update"),
         ("track first frames DARK --tracker bad_trackers:Nothing", "gave a NoneType; expected"),
         ("track first frames DARK --tracker bad_trackers:Exits", "failed: SystemExit: 0"),

@@ -15,7 +15,7 @@ import pytest
 from chromagrip.render import Frame
 from chromagrip.tracking import learn_palette, load_tracker, sight
 
-TRACKERS = ("fit", "quick", "detect", "lk", "blob", "chromatouch")
+TRACKERS = ("fit", "quick", "detect", "lk", "centroid", "chromatouch")
 FAULTS = ("drop", "tear", "blur", "light", "jump", "drift", "turn", "stall")
 FRAMES, REST = 24, 2
 #: Finer pixels per pixel in which discs are drawn.
@@ -237,7 +237,7 @@ def test_where_dots_fill_the_picture_a_leap_leaves_no_number_certain(
     assert counts(name, field, still)["flagged right"] == 0
 
 
-@pytest.mark.parametrize("name", ["fit", "blob"])
+@pytest.mark.parametrize("name", ["fit", "centroid"])
 def test_each_fault_is_followed_or_flagged(name: str) -> None:
     judged(name, range(len(FAULTS)))
 

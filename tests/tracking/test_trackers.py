@@ -5,7 +5,7 @@ import pytest
 from chromagrip.errors import UserError
 from chromagrip.render import load_sensor
 from chromagrip.tracking import MarkerTracker, Palette, load_tracker, tracker_names
-from chromagrip.tracking.baselines.blob import BlobDetector
+from chromagrip.tracking.baselines.centroid import WeightedCentroid
 from chromagrip.tracking.fit.settings import FitSettings
 
 
@@ -25,11 +25,11 @@ def test_arguments_are_handed_to_the_class() -> None:
     assert tracker.settings == FitSettings(rows=3)
 
 
-TARGET = "chromagrip.tracking.baselines.blob:BlobDetector"
+TARGET = "chromagrip.tracking.baselines.centroid:WeightedCentroid"
 
 
 def test_anybodys_by_module_and_class() -> None:
-    assert load_tracker(TARGET) is BlobDetector
+    assert load_tracker(TARGET) is WeightedCentroid
 
 
 def test_installed_ones_by_their_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -38,7 +38,7 @@ def test_installed_ones_by_their_entry_point(monkeypatch: pytest.MonkeyPatch) ->
         return [EntryPoint("mine", TARGET, group)]
 
     monkeypatch.setattr("chromagrip.by_name.entry_points", installed)
-    assert load_tracker("mine") is BlobDetector
+    assert load_tracker("mine") is WeightedCentroid
     assert "mine" in tracker_names()
     with pytest.raises(UserError, match="mine, fit"):
         load_tracker("yours")

@@ -49,11 +49,18 @@ class FollowerSettings:
 
 
 class Measured(NamedTuple):
-    """Measurements of a tracker in one frame, as in `Tracks`; None if it does not measure them."""
+    """Measurements of a tracker in one frame, as in `Tracks`; None if it does not measure them.
+
+    Attributes
+    ----------
+    position, log_size, hue: as in `Tracks`
+    variance: of each coordinate of a position [px²], shape (L, M, 2)
+    """
 
     position: Array
     log_size: Array | None = None
     hue: Array | None = None
+    variance: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -188,7 +195,7 @@ class Follower:
             visible=visible,
             ambiguous=far | (visible & (claimed | self.state.doubt.mask)),
             last_seen=self.state.last_seen.copy(),
-            covariance=np.full((count, 3 * layers, 3 * layers), np.nan),
+            covariance=_covariance(measured.variance, visible),
         )
 
     def _doubted(self, before: Shifts, lost: NDArray[np.bool_], image: Image) -> Doubt:
@@ -196,6 +203,16 @@ class Follower:
         rest, spots = self._origin, self._relocator.blobs(np.ascontiguousarray(image))[0]
         places = (rest, rest + before.shift, rest + self.state.shift)
         return doubted(before.doubt, places, lost, self._pitch, self._near, spots, self._edge)
+
+
+def _covariance(variance: Array | None, visible: NDArray[np.bool_]) -> Array:
+    """Covariance as in `Tracks` of positions with a variance (L, M, 2), if it is known."""
+    layers, count = visible.shape
+    covariance = np.full((count, layers, 3, layers, 3), np.nan)
+    for k in range(layers if variance is not None else 0):
+        own = np.where(visible[k, :, None], np.asarray(variance)[k], np.nan)
+        covariance[:, k, :2, k, :2] = own[:, :, None] * np.eye(2)
+    return covariance.reshape(count, 3 * layers, 3 * layers)
 
 
 def nearest(points: Array, expected: Array, reach: float, mutual: bool) -> NDArray[np.intp]:

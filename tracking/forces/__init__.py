@@ -31,7 +31,6 @@ from .friction import (
     max_ratio,
 )
 from .kept_readouts import TRAINING, kept_path, kept_readout, training_key
-from .placement import Placement, placement
 from .pose import Alignment, CameraPose, PoseTable, aligned, alignment, pose_words, seen_by
 from .reconstructors import (
     AUTOMATIC,
@@ -48,7 +47,7 @@ from .reconstructors import (
     needs_readout,
 )
 from .rest_fit import rest_pose
-from .rest_settings import PlacementSettings, PoseSettings
+from .rest_settings import PoseSettings
 from .shifts import MEASURED, MarkerShifts, floor_variances
 from .silicone_values import SILICONE_ERROR, SiliconeValues, silicone_names, yellow_moves
 
@@ -75,8 +74,6 @@ __all__ = [
     "FrictionSettings",
     "MarkerShifts",
     "NoEstimateError",
-    "Placement",
-    "PlacementSettings",
     "PoseSettings",
     "PoseTable",
     "Reconstructor",
@@ -99,7 +96,6 @@ __all__ = [
     "name_used",
     "needs_readout",
     "nominal_calibration",
-    "placement",
     "pose_words",
     "required_readout",
     "rest_pose",

@@ -1,7 +1,6 @@
 """Assignment of the markers of a rest frame to those of the design under a pose."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -132,22 +131,9 @@ def rest_markers(
         raise UserError(
             f"the tracks have {len(rest.position)} layers of markers; wanted: {len(sensor.depths)}"
         )
-    seen = [at[visible] for at, visible in zip(rest.position, rest.visible, strict=True)]
-    return markers_beside(sensor, seen, settings)
-
-
-def markers_beside(
-    sensor: SensorDesign, seen: Sequence[Array], settings: MatchSettings = MatchSettings()
-) -> RestMarkers:
-    """Collect visible markers at pixels (Q, 2) of each layer, and those of the design.
-
-    Raises
-    ------
-    UserError
-        When there are too few visible markers.
-    """
     layers = []
-    for depth, pixels in zip(sensor.depths, seen, strict=True):
+    for depth, at, visible in zip(sensor.depths, rest.position, rest.visible, strict=True):
+        pixels = at[visible]
         if len(pixels) < settings.least_markers:
             raise UserError(
                 f"the rest frame shows {len(pixels)} markers of a layer, too few to tell the "

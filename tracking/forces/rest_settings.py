@@ -65,33 +65,6 @@ class SearchSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlacementSettings:
-    """Tuned parameters of the location of a design's image in a picture.
-
-    Attributes
-    ----------
-    share: share of the markers that must lie at design positions; specks and cut markers do not,
-        and up to 0.88 of another dome's spiral do
-    middles: tried offsets of the middle of the markers, over their reach: first uncut, then cut on
-        each side
-    equal: loss of overlap up to which two placements are equally good, over 1/√markers
-    match, search: settings of the parts of the method
-    """
-
-    share: float = 0.9
-    middles: tuple[tuple[float, float], ...] = (
-        (0.0, 0.0),
-        (0.35, 0.0),
-        (-0.35, 0.0),
-        (0.0, 0.35),
-        (0.0, -0.35),
-    )
-    equal: float = 0.25
-    match: MatchSettings = MatchSettings()
-    search: SearchSettings = SearchSettings()
-
-
-@dataclass(frozen=True, kw_only=True)
 class PoseSettings:
     """Tuned parameters of `rest_pose`.
 

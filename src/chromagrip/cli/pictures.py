@@ -459,10 +459,9 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
         table.add_row("", summary["source_doubt"])
     table.add_row("rest frame", f"{summary['rest']}, {summary['rest_misfit_px']:.2f} px off")
     _add_left_out(table, summary)
-    size, (left, top, wide, high) = (summary["width_px"], summary["height_px"]), summary["view_px"]
-    if summary["scaled_by"] != 1.0 or (left, top, wide, high) != (0.0, 0.0, *size):
-        words = f"{size[0]}×{size[1]} px, scaled by {summary['scaled_by']:.3f} to the sensor's"
-        table.add_row("size", f"{words}: {wide:.0f}×{high:.0f} px from ({left:.0f}, {top:.0f})")
+    if summary["scaled_by"] != 1.0:
+        size = f"{summary['width_px']}×{summary['height_px']} px"
+        table.add_row("size", f"{size}, scaled by {summary['scaled_by']:.3f} to the sensor's")
     if summary["camera_pose"]["notable"]:
         table.add_row("camera", pose_words(summary["camera_pose"]))
     table.add_row("noise", f"{summary['noise_levels']:.2f} levels, {summary['noise_from']}")

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -14,6 +15,7 @@ import numpy as np
 from ..by_name import Choice
 from ..compiled import working_time
 from ..errors import UserError, located, meant
+from ..loop.trace import kind_of
 from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable, Row
 from ..output.versions import versions
 from ..publish import check_targets, message_of, publishing
@@ -22,7 +24,7 @@ from ..render import Frame
 from ..sensing.observers import ForceObserver
 from ..sensing.reader import DEFAULT_WINDOW
 from ..sources import FrameSource
-from ..sources.delivery import Lateness
+from ..sources.delivery import Lateness, lateness
 from ..sources.source import ValueRange
 from ..stored_pictures import MEGAPIXELS
 from ..tracking import (
@@ -41,7 +43,6 @@ from ..tracking.forces import PoseTable, body_read, rest_pose
 from ..tracking.forces.chain import UsedReadOut, used
 from .figure import Truth, draw_figure
 from .following import Add, Came, Course, Outcome, Progress, SpeedCount, follow, opened_folder
-from .kept_rows import KeptRows
 from .opening import Opened, Setup, open_tracking
 from .overlay import OVERLAY, OverlayVideo
 from .readings import Read, displacement_reading, force_reading
@@ -49,6 +50,8 @@ from .readings import Read, displacement_reading, force_reading
 FORMAT = "chromagrip estimate 1"
 #: Files of a folder of estimates; the summary is written last.
 FILES = ("summary.json", "estimates.parquet", "figure.png", OVERLAY)
+#: Number of the last frames, which values, lateness and figure are of: a source may run for days.
+_MOST_ROWS = 20_000
 
 
 class Typical(TypedDict):
@@ -240,8 +243,6 @@ def _friction_rule(name: str | None) -> FrictionRule:
 class _Rows:
     """Rows of the frames as they pass, with their table, overlay and figure.
 
-    Its memory does not grow with the number of frames: a live source may run for days.
-
     Parameters
     ----------
     read: gives a frame's row
@@ -268,7 +269,8 @@ class _Rows:
         self._columns = [name for name, (kind, _) in columns.items() if kind != "list"]
         self._skipped = 0
         self._read, self._opened, self._out, self._flat = read, opened, out, flat
-        self._kept = KeptRows(1.0 / opened.source.fps)
+        self._rows, self._late = deque[Row](maxlen=_MOST_ROWS), deque[float](maxlen=_MOST_ROWS)
+        self._observable, self._reasons, self._firsts = 0, Counter[str](), dict[str, str]()
         self._clock = SpeedCount()
 
     def open_files(self, files: ExitStack) -> Add:
@@ -296,7 +298,7 @@ class _Rows:
                     send(message, frame)
                 late = time.monotonic() - came.at
             self._skipped = came.skipped
-            self._kept.add(row, late)
+            self._keep(row, late)
             if table is not None:
                 table.add(row)
             if video is not None:
@@ -304,17 +306,26 @@ class _Rows:
 
         return add
 
+    def _keep(self, row: Row, late: float) -> None:
+        """Count a frame's row, and keep it without its arrays."""
+        row = {key: value for key, value in row.items() if not isinstance(value, np.ndarray)}
+        self._rows.append(row)
+        self._late.append(late)
+        if reason := str(row["no_estimate"]):
+            self._reasons[self._firsts.setdefault(kind_of(reason), reason)] += 1
+        else:
+            self._observable += bool(row.get("mu_observable"))
+
     def summary(self, method: Method, course: Course) -> EstimateSummary:
         """Write the figure; the summary."""
-        if self._out is not None and (rows := self._kept.rows):
-            draw_figure(rows, self._flat, self._out / "figure.png", self._truth)
+        if self._out is not None and self._rows:
+            draw_figure([*self._rows], self._flat, self._out / "figure.png", self._truth)
         setup, estimates = self._opened.setup, self._estimates()
         return {**method, **setup, **course, **estimates, "versions": versions()}
 
     def _estimates(self) -> Estimates:
         """Last and median value of each column, and the frames without an estimate."""
-        kept = self._kept
-        estimated = [row for row in kept.rows if not row["no_estimate"]]
+        estimated = [row for row in self._rows if not row["no_estimate"]]
         columns: dict[str, Typical] = {}
         for name in VALUES:
             values = [v for row in estimated if (v := _number(row, name)) is not None]
@@ -325,15 +336,15 @@ class _Rows:
                     "median": float(np.median(values)),
                 }
         return {
-            "without_estimate": kept.without,
-            "without_estimate_because": kept.because,
+            "without_estimate": self._reasons.total(),
+            "without_estimate_because": dict(self._reasons.most_common()),
             "last_estimate": int(str(estimated[-1]["frame"])) if estimated else None,
             "estimates": columns,
             "truth": dict(_compared(estimated, self._truth)),
-            "mu_observable_frames": kept.observable,
+            "mu_observable_frames": self._observable,
             "ms_per_estimate": self._clock.milliseconds,
             "published": bool(self._sends),
-            "late": kept.late,
+            "late": lateness(self._late, 1.0 / self._opened.source.fps),
             "skipped": self._skipped,
         }
 

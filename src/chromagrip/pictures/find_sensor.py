@@ -14,15 +14,15 @@ from ..folders import write_whole
 from ..sources.picture_files import read_picture
 from ..sources.source import ValueRange
 from ..stored_pictures import MEGAPIXELS, Image
-from ..tracking import AUTO_PALETTE, Palette, Sighting, learn_palette, load_palette, sight
+from ..tracking import AUTO_PALETTE, Palette, learn_palette, load_palette, sight
 
 Mask = NDArray[np.bool_]
 
 #: Largest share of a mask that may be grey: its edge, and what JPEG adds.
 GREYEST = 0.1
 #: Finds the palette, and where the sensor is, of a picture; height and width are those that it
-#: had before it was reduced [px]. Markers that were already looked for in all of it may be given.
-Find = Callable[[Image, tuple[int, int], Sighting | None], Palette]
+#: had before it was reduced [px].
+Find = Callable[[Image, tuple[int, int]], Palette]
 
 
 class Assumed(TypedDict):
@@ -124,7 +124,7 @@ def finder(palette: str, within: Within) -> Find:
     """
     known = None if palette == AUTO_PALETTE else load_palette(palette)
 
-    def find(image: Image, opened: tuple[int, int], seen: Sighting | None) -> Palette:
+    def find(image: Image, opened: tuple[int, int]) -> Palette:
         part = within.of(*opened)
         if part is not None:
             height, width = image.shape[:2]
@@ -132,8 +132,7 @@ def finder(palette: str, within: Within) -> Find:
             part = part[: height * times : times, : width * times : times]
         if known is not None and part is None and _as_designed(known, image):
             return _with_dots(known, image)
-        if seen is None or part is not None:
-            seen = sight(image, part)
+        seen = sight(image, part)
         return (
             learn_palette(image, seen) if known is None else replace(known, sensor=None, seen=seen)
         )

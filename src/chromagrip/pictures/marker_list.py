@@ -20,8 +20,8 @@ from ..tracking import (
     detect_markers,
     join_layers,
 )
-from .any_size import Fitting, reduction
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
+from .scale import Scale, reduction
 
 
 class MarkerRow(TypedDict):
@@ -76,18 +76,17 @@ def list_markers(
     image = read_picture(path, max_megapixels, value_range)
     find = finder(palette, within)
     with located(f"picture {path}"):
-        fitted = reduction(image, enough=1_250_000, least_radius=2.5)
-        reduced = fitted(image)
-        colours = find(reduced, image.shape[:2], fitted.seen)
-        fine = fitted.fine()
-        found = detect_markers(reduced, colours, fine(image) if fitted.finer > 1 else None)
+        scale = reduction(image)
+        reduced = scale(image)
+        colours = find(reduced, image.shape[:2])
+        found = detect_markers(reduced, colours)
         check_told_apart(found, colours)
-        layers = [_original(markers, fine) for markers in found]
+        layers = [_original(markers, scale) for markers in found]
     if not any(len(markers.area) for markers in layers):
         raise UserError(f"picture {path}: no markers found in {' or '.join(colours.names)}")
-    told = assumed(palette, colours, within, round(1.0 / fitted.scale))
+    told = assumed(palette, colours, within, round(1.0 / scale.factor))
     rows = _rows(layers, colours)
-    if fitted.scale < 1.0 and colours.seen is not None:
+    if scale.factor < 1.0 and colours.seen is not None:
         field = cv2.resize(
             colours.seen.field.view(np.uint8), image.shape[1::-1], interpolation=cv2.INTER_NEAREST
         )
@@ -95,13 +94,13 @@ def list_markers(
     return Picture(image=image, palette=colours, assumed=told, layers=layers, rows=rows)
 
 
-def _original(markers: Markers, fitted: Fitting) -> Markers:
+def _original(markers: Markers, scale: Scale) -> Markers:
     """Markers in pixels of the picture, of those in the reduced one."""
     return replace(
         markers,
-        position=fitted.original(markers.position),
-        area=markers.area / fitted.scale**2,
-        shape=markers.shape / fitted.scale,
+        position=scale.original(markers.position),
+        area=markers.area / scale.factor**2,
+        shape=markers.shape / scale.factor,
     )
 
 

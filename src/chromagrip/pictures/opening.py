@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypedDict
 
 import numpy as np
@@ -16,10 +17,10 @@ from ..sources import FrameSource, Source, open_source
 from ..sources.source import ValueRange
 from ..stored_pictures import MEGAPIXELS, Image
 from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_rest
-from .any_size import Fitter, Fitting, fitting
 from .find_sensor import Find
 from .noise_level import noise_level
 from .rest_frames import LeftOut, refuse_swapped, rest_frames, rest_picture
+from .scale import Scale, reduction, scale_to
 
 _GIVEN = "given"
 
@@ -37,7 +38,6 @@ class Setup(TypedDict):
     width_px: int
     height_px: int
     scaled_by: float
-    view_px: list[float]
     fps: float
     fps_from: str
 
@@ -54,7 +54,7 @@ class Opened:
     source: of the frames
     frames: each checked to be as large as the rest frame
     setup: the same for a summary
-    fitted: what made them of the source's pictures
+    scale: what made them of the source's pictures
     """
 
     reader: Reader
@@ -63,7 +63,7 @@ class Opened:
     source: Source
     frames: Iterator[Frame]
     setup: Setup
-    fitted: Fitting
+    scale: Scale
 
     @property
     def resting(self) -> Tracks:
@@ -86,7 +86,7 @@ def open_tracking(
 ) -> Opened:
     """Tracker that knows the unloaded sensor, and the frames to follow; see `track_source`.
 
-    Pictures, and their noise, are scaled to a `sensor`'s camera, or reduced, see `fitting`.
+    Pictures, and their noise, are scaled to a `sensor`'s camera, or reduced.
 
     Raises
     ------
@@ -98,15 +98,16 @@ def open_tracking(
     opened = open_source(source, fps, rest_picture(rest, name_of(source)), *limits)
     tell("rest frame")
     with one_thread():
-        at_rest = rest_frames(rest, opened, find, tell, Fitter(sensor), *limits)
+        scale_of = reduction if sensor is None else partial(scale_to, sensor)
+        at_rest = rest_frames(rest, opened, find, tell, scale_of, *limits)
         still, place, shape = at_rest.still, at_rest.place, _size(at_rest.still[0])
         with located(place):
-            fitted = fitting(_mean(still), sensor)
-        noise, noise_words = _noise(still, fitted, opened, noise, tell)
+            scale = scale_of(_mean(still))
+        noise, noise_words = _noise(still, scale, opened, noise, tell)
         tell("markers at rest")
-        still = [replace(frame, image=fitted(frame.image)) for frame in still]
+        still = [replace(frame, image=scale(frame.image)) for frame in still]
         with located(place):
-            palette = find(_mean(still), shape, fitted.seen)
+            palette = find(_mean(still), shape)
             start = read_rest(still, palette)
         with blaming(f"tracker {name!r} failed", SystemExit):
             made = make(palette, noise)
@@ -123,14 +124,13 @@ def open_tracking(
         noise_from=noise_words,
         width_px=shape[1],
         height_px=shape[0],
-        scaled_by=fitted.scale,
-        view_px=[round(value, 1) for value in fitted.taken],
+        scaled_by=scale.factor,
         fps=opened.fps,
         fps_from=opened.fps_from,
     )
-    shown = (replace(frame, image=fitted(frame.image)) for frame in frames)
+    shown = (replace(frame, image=scale(frame.image)) for frame in frames)
     reader = Reader.of_tracker(made, repr(name), resting)
-    return Opened(reader, palette, start, opened, shown, setup, fitted)
+    return Opened(reader, palette, start, opened, shown, setup, scale)
 
 
 def _mean(frames: list[Frame]) -> Image:
@@ -140,18 +140,17 @@ def _mean(frames: list[Frame]) -> Image:
 
 def _noise(
     still: list[Frame],
-    fitted: Fitting,
+    scale: Scale,
     source: Source,
     given: float | None,
     tell: Callable[[str], None],
 ) -> tuple[float, str]:
-    """Noise of fitted pictures [grey levels], and its source in words."""
+    """Noise of scaled pictures [grey levels], and its source in words."""
     noise, words = given, _GIVEN
     if noise is None:
         tell("noise")
-        parts = [replace(frame, image=fitted.part(frame.image)) for frame in still]
-        noise, words = noise_level(parts, source.lossy)
-    return noise * fitted.scale, words  # a larger pixel knows as much as those it is made of
+        noise, words = noise_level(still, source.lossy)
+    return noise * scale.factor, words  # a larger pixel knows as much as those it is made of
 
 
 def _reset(

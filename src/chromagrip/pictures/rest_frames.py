@@ -18,7 +18,8 @@ from ..sources.source import ValueRange
 from ..stored_pictures import MEGAPIXELS, Image
 from ..tracking import detect_markers, join_layers
 from .find_sensor import Find
-from .good_rest import median, unlike
+from .good_rest import unlike
+from .scale import Scale
 
 
 class LeftOut(TypedDict):
@@ -80,7 +81,7 @@ def rest_frames(
     source: Source,
     find: Find,
     tell: Callable[[str], None],
-    fitted: Callable[[Image], Image] = lambda image: image,
+    scale_of: Callable[[Image], Scale],
     max_megapixels: float = MEGAPIXELS,
     value_range: ValueRange = None,
 ) -> Resting:
@@ -95,7 +96,7 @@ def rest_frames(
     source: of the frames to track
     find: palette of a picture's markers
     tell: called with the current step
-    fitted: picture as large as the sensor's camera gives it, in which markers are looked for
+    scale_of: scale to the pictures in which markers are looked for
     max_megapixels: largest picture of a rest frame that is decoded
     value_range: see `open_source`
 
@@ -104,11 +105,11 @@ def rest_frames(
     UserError
         When there are no such frames, or fewer than half of them are alike.
     """
-    found = _given_frames(rest, source, find, tell, fitted, max_megapixels, value_range)
-    return _judged(found, find, fitted)
+    found = _given_frames(rest, source, find, tell, scale_of, max_megapixels, value_range)
+    return _judged(found, find, scale_of)
 
 
-def _judged(found: Resting, find: Find, fitted: Callable[[Image], Image]) -> Resting:
+def _judged(found: Resting, find: Find, scale_of: Callable[[Image], Scale]) -> Resting:
     """Rest frames without those that are unlike the others."""
     images = [frame.image for frame in found.still]
     if not images:
@@ -121,9 +122,9 @@ def _judged(found: Resting, find: Find, fitted: Callable[[Image], Image]) -> Res
     if not wrong:
         return found
     with suppress(UserError):  # what moves beside the sensor does not count, if it can be found
-        middle = median(images)
-        seen = find(fitted(middle), middle.shape[:2], None).seen
-        wrong = unlike([*map(fitted, images)], None if seen is None else seen.field)
+        mean = np.mean(images, axis=0).astype(np.uint8)
+        seen = find(scale_of(mean)(mean), mean.shape[:2]).seen
+        wrong = unlike(images, None if seen is None else seen.field)
     left_out = tuple(
         LeftOut(frame=k, name=found.name(k), because=word) for k, word in wrong.items()
     )
@@ -143,13 +144,13 @@ def _given_frames(
     source: Source,
     find: Find,
     tell: Callable[[str], None],
-    fitted: Callable[[Image], Image],
+    scale_of: Callable[[Image], Scale],
     max_megapixels: float,
     value_range: ValueRange,
 ) -> Resting:
     """Frames at rest as they were given; see `rest_frames`."""
     if rest == "auto":
-        index, frame = _most_exact(source, find, tell, fitted)
+        index, frame = _most_exact(source, find, tell, scale_of)
         place = f"rest {source.frame_name(index)}"
         words = f"frame {index} of the source, found"
         return Resting([frame], words, place, source.frames(), source.frame_name)
@@ -191,7 +192,7 @@ def _own_source(rest: str, max_megapixels: float, value_range: ValueRange) -> So
 
 
 def _most_exact(
-    source: Source, find: Find, tell: Callable[[str], None], fitted: Callable[[Image], Image]
+    source: Source, find: Find, tell: Callable[[str], None], scale_of: Callable[[Image], Scale]
 ) -> tuple[int, Frame]:
     """Number and frame whose markers of two layers are nearest to each other."""
     if source.live:
@@ -199,14 +200,15 @@ def _most_exact(
     tried = 200  # frames of the source that the search for the rest frame tries, about
     step = math.ceil((source.count or tried) / tried)
     best: tuple[float, int, Frame] | None = None
-    refusal, alone = "there is none", ""
+    scale, refusal, alone = None, "there is none", ""
     for index, frame in enumerate(source.frames()):
         tell(f"looking for the rest frame, {index + 1} of {source.count or 'many'}")
         if index % step:
             continue
         try:
-            image = fitted(frame.image)
-            palette = find(image, frame.image.shape[:2], None)
+            scale = scale or scale_of(frame.image)
+            image = scale(frame.image)
+            palette = find(image, frame.image.shape[:2])
             if len(palette.names) < 2:
                 alone = palette.names[0]
                 continue

@@ -103,7 +103,7 @@ def track_source(
         max_megapixels=max_megapixels,
         value_range=value_range,
     )
-    known = assumed(palette, opened.palette, within, round(1.0 / opened.fitted.scale))
+    known = assumed(palette, opened.palette, within, round(1.0 / opened.scale.factor))
     summarise = partial(_summary, opened, known)
     with opened_folder(out, overwrite, FILES):
         return follow(opened, partial(_open_files, opened, out), summarise, frames, out, progress)
@@ -127,7 +127,7 @@ def _not_followed(opened: Opened) -> list[NotFollowed]:
         detected = (at[:, None] == start.position[k]).all(axis=-1).any(axis=1)
         reasons = np.where(cut, _CUT, np.where(detected, _UNLIKE, _UNTOLD))
         for (x, y), reason in zip(
-            opened.fitted.original(at).round(2).tolist(), reasons, strict=True
+            opened.scale.original(at).round(2).tolist(), reasons, strict=True
         ):
             layer = opened.palette.names[k]
             found.append({"layer": layer, "x_px": x, "y_px": y, "reason": str(reason)})
@@ -136,13 +136,13 @@ def _not_followed(opened: Opened) -> list[NotFollowed]:
 
 def _original(tracks: Tracks, opened: Opened) -> Tracks:
     """Tracks in pixels of the source's pictures."""
-    fitted = opened.fitted
-    if fitted.scale == 1.0:
+    scale = opened.scale
+    if scale.factor == 1.0:
         return tracks
-    factor = np.tile([1.0 / fitted.scale, 1.0 / fitted.scale, 1.0], len(tracks.position))
+    factor = np.tile([1.0 / scale.factor, 1.0 / scale.factor, 1.0], len(tracks.position))
     return replace(
         tracks,
-        position=fitted.original(tracks.position),
+        position=scale.original(tracks.position),
         covariance=tracks.covariance * np.outer(factor, factor),
     )
 
@@ -152,7 +152,7 @@ def _open_files(opened: Opened, out: Path | None, files: ExitStack) -> Add:
     if out is None:
         return lambda index, frame, tracks, came: None
     draw = TrackDrawing(opened.palette, opened.start, opened.resting)
-    rest = opened.fitted.original(opened.resting.position)
+    rest = opened.scale.original(opened.resting.position)
     table = files.enter_context(TrackTable(out / "tracks.parquet", opened.palette.names, rest))
     video = files.enter_context(OverlayVideo(out / OVERLAY, opened.source.fps))
 

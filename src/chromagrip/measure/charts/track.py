@@ -12,7 +12,7 @@ from ...tracking import DEFAULT_TRACKER, tracker_names
 from ..study import Asked, Results, Study, study
 from ..worlds.track_scenes import SCENES, Sequence, sequence
 from ..worlds.track_scores import follow, scores, tracker_class
-from .chart import Axis, Chart, Peer, Point
+from .chart import Axis, Chart, Point
 from .page import chart_study
 
 #: Scenes of the chart, and the label of the error in each.
@@ -23,16 +23,8 @@ _QUICK_FRAMES = 2
 #: Repeats, and those of a quick run.
 _TURNS = 5
 _QUICK_TURNS = 1
-#: Origin of the figures of the peers.
-_ELSEWHERE = "200 discs of one layer, 640×480, measured on two cores when this project began"
 #: Name of the least error.
 _LIMIT = "Cramér–Rao"
-#: Errors are of displacements from rest.
-_PEERS = (
-    Peer(name="least squares, NumPy", milliseconds=26.0, error=0.0094, source=_ELSEWHERE),
-    Peer(name="trackpy", milliseconds=27.0, error=0.0137, source=_ELSEWHERE),
-    Peer(name="weighted centroid, NumPy", milliseconds=8.0, error=0.0105, source=_ELSEWHERE),
-)
 
 
 class Pass(NamedTuple):
@@ -125,7 +117,6 @@ def _chart(results: Results[Pass, dict[str, float] | str], scenes: list[str]) ->
             label=f"RMS error of the worse layer [px], {_SCENES[scene]}",
             unit="px",
             lines={_LIMIT: limits[scene]} if scene in limits else {},
-            peers=_PEERS if scene == "clean" else (),
         )
         for scene in scenes
     ]
@@ -136,7 +127,6 @@ def _chart(results: Results[Pass, dict[str, float] | str], scenes: list[str]) ->
         points=[point for point in points.values() if len(point.errors) == len(axes)],
         axes=axes,
         levels={_LIMIT: "least error that the noise allows"},
-        compared="other tools, measured earlier",
     )
 
 
