@@ -1,4 +1,4 @@
-"""The trackers beside our own, on the sensor's pictures and on dots drawn here."""
+"""Every tracker, on the sensor's pictures and on dots drawn here."""
 
 from contextlib import closing
 from dataclasses import replace
@@ -30,6 +30,8 @@ IMAGE_MIDDLE = np.array([319.5, 239.5])
 #: RMS error of a displacement per coordinate that each may have [px]. The limit for one disc is
 #: 0.0092; known of one layer of discs: Lucas–Kanade 0.0116, mask centroids 0.088.
 ALLOWED = {
+    "fit": 0.0115,
+    "quick": 0.016,
     # Edges of the other dye, which densities in log space do not quite divide out.
     "lk": 0.022,
     "centroid": 0.022,
@@ -125,13 +127,14 @@ def test_small_shifts_are_found_without_drift(name: str) -> None:
     assert rms.min() > 0.0065
 
 
-def test_detected_areas_tell_size() -> None:
+@pytest.mark.parametrize(("name", "within"), [("fit", 5e-4), ("quick", 5e-4), ("detect", 2e-3)])
+def test_sizes_tell_of_the_distance(name: str, within: float) -> None:
     """A membrane nearer by 2 % looks 2 % larger."""
-    tracker, rest = fresh("detect")
+    tracker, rest = fresh(name)
     nearer = Membrane(centres=0.98 * REST.centres, axes=REST.axes)
     tracks = tracker.update(shoot(nearer, 0))
-    assert np.nanmean(tracks.log_size, axis=1) == pytest.approx(-np.log(0.98), abs=2e-3)
-    np.testing.assert_allclose(np.nanmean(rest.log_size, axis=1), 0.0, atol=1e-6)
+    grown = np.nanmean(tracks.log_size - rest.log_size, axis=1)
+    assert grown == pytest.approx(-np.log(0.98), abs=within)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -228,7 +231,7 @@ def test_half_a_pitch_between_frames_is_the_end(name: str) -> None:
 def test_layers_pull_on_each_other_only_where_colours_are_not_unmixed() -> None:
     """The outer layer slides by 3 px over the other: centroids stay, masks are dragged along."""
     bias = {}
-    for name in ("detect", "chromatouch"):
+    for name in ("fit", "quick", "detect", "chromatouch"):
         tracker, rest = fresh(name)
         for shift in (0.05e-3, 0.10e-3, 0.16e-3):
             centres = REST.centres.copy()
@@ -240,7 +243,7 @@ def test_layers_pull_on_each_other_only_where_colours_are_not_unmixed() -> None:
         middle = np.linalg.norm(rest.position[0] - IMAGE_MIDDLE, axis=1) < 100
         assert abs(true[0, middle, 0]).min() > 1.5
         bias[name] = abs(np.nanmean(error[:, middle], axis=1))
-    assert bias["detect"].max() < 0.02
+    assert max(bias[name].max() for name in ("fit", "quick", "detect")) < 0.02
     assert bias["chromatouch"].max() > 0.05
 
 
@@ -261,8 +264,9 @@ def test_the_covariance_of_centroids_is_that_of_the_noise() -> None:
     assert np.isfinite(covariance[~lost, 0, 0]).any()
 
 
-def test_chromatouch_hue_turns_from_overlap_towards_magenta() -> None:
-    tracker, rest = fresh("chromatouch")
+@pytest.mark.parametrize("name", ["fit", "chromatouch"])
+def test_hue_turns_from_overlap_towards_magenta(name: str) -> None:
+    tracker, rest = fresh(name)
     start = np.nanmedian(rest.hue)
     assert start == pytest.approx(18.0, abs=8.0)  # of a real dome's overlaps
     for shift in (0.1, 0.2, 0.3):
@@ -323,7 +327,7 @@ def worn() -> tuple[list[Frame], Palette]:
     return frames, learn_palette(frames[0].image, sight(frames[0].image))
 
 
-@pytest.mark.parametrize("name", ["fit", "quick", *NAMES])
+@pytest.mark.parametrize("name", NAMES)
 def test_a_worn_dome_whose_colours_are_learned_is_followed(name: str) -> None:
     frames, palette = worn()
     # The dyes are not one: only yellow lets red and green through.
@@ -332,7 +336,7 @@ def test_a_worn_dome_whose_colours_are_learned_is_followed(name: str) -> None:
     assert tracks.visible[0].sum() > 60
 
 
-@pytest.mark.parametrize("name", ["fit", "quick", *NAMES])
+@pytest.mark.parametrize("name", NAMES)
 def test_dyes_that_are_not_those_of_the_picture_are_one_sentence(name: str) -> None:
     """Two dyes of nearly one colour seem to cover less than nothing of some spots."""
     frames, palette = worn()

@@ -99,48 +99,6 @@ def test_displacements_are_as_good_as_their_covariance() -> None:
         assert 0.8 < squared.mean() / 2 < 1.3
 
 
-def test_overlapping_layers_do_not_pull_on_each_other() -> None:
-    """A shift of one layer over the other leaves the other where it was: no crosstalk."""
-    tracker = fresh(noise=0.0)
-    order = numbers(tracker.rest)
-    for shift in (0.05, 0.10, 0.16):  # mm of the outer layer, 3 px at the end
-        centres = REST.centres.copy()
-        centres[0, :, 0] += shift * 1e-3
-        moved = Membrane(centres=centres, axes=REST.axes)
-        tracks = tracker.update(shoot(moved, 0, noise=0.0))
-    near = SENSOR.places[order, 0] < 1.0
-    truth = image_centres(moved)[:, order] - image_centres(REST)[:, order]
-    assert np.abs(truth[0, near, 0]).min() > 1.5
-    error = (tracks.position - tracker.rest.position - truth)[:, near]
-    assert np.abs(np.nanmean(error, axis=1)).max() < 0.01
-    assert np.nanmax(np.abs(error)) < 0.05
-
-
-def test_size_tells_of_the_distance() -> None:
-    """A marker brought nearer by 2 % looks 2 % larger, whatever its place."""
-    tracker = fresh()
-    nearer = Membrane(centres=0.98 * REST.centres, axes=REST.axes)
-    tracks = tracker.update(shoot(nearer, 0))
-    grown = np.nanmean(tracks.log_size - tracker.rest.log_size, axis=1)
-    assert grown == pytest.approx(-np.log(0.98), abs=5e-4)
-
-
-def test_covered_markers_are_flagged_and_found_again() -> None:
-    tracker = fresh()
-    states = pressing(2.0, 0.5, 8)
-    for k, state in enumerate(states):
-        frame = shoot(MAP(state.deformation.seen), k)
-        if k in (4, 5):
-            frame.image[200:260, 330:420] = 128  # a finger on the lens
-        tracks = tracker.update(frame)
-        x, y = tracker.rest.position[0].T
-        hidden = (x > 338) & (x < 412) & (y > 208) & (y < 252)
-        assert hidden.sum() > 3
-        assert tracks.visible[:, hidden].any() == (k not in (4, 5))
-        assert np.isnan(tracks.position[:, hidden]).all() == (k in (4, 5))
-    assert tracks.visible.mean() > 0.99
-
-
 def test_a_frozen_image_freezes_the_tracks() -> None:
     tracker = fresh()
     frame = shoot(MAP(pressing(2.0, 0.5, 5)[-1].deformation.seen), 3)
@@ -148,20 +106,6 @@ def test_a_frozen_image_freezes_the_tracks() -> None:
         tracks = tracker.update(frame)
     again = tracker.update(frame)
     np.testing.assert_allclose(again.position, tracks.position, atol=2e-3)
-
-
-def test_hue_turns_from_overlap_towards_magenta() -> None:
-    """With the yellow layer slid out from below, orange-red turns to magenta, through 360°."""
-    tracker = fresh()
-    start = np.nanmedian(tracker.rest.hue)
-    assert start == pytest.approx(18.0, abs=6.0)  # of a real dome's overlaps
-    centres = REST.centres.copy()
-    for shift in (0.1, 0.2, 0.3, 0.4, 0.45):
-        centres[1, :, 1] = REST.centres[1, :, 1] + shift * 1e-3
-        moved = Membrane(centres=centres, axes=REST.axes)
-        tracks = tracker.update(shoot(moved, 0))
-    apart = np.nanmedian(tracks.hue[SENSOR.places[numbers(tracker.rest), 0] < 0.5])
-    assert -30.0 < apart < start - 20.0
 
 
 def test_hue_is_measured_when_it_is_first_read(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -201,11 +145,6 @@ def test_copied_tracks_hold_their_hue_and_no_image() -> None:
 def test_bad_rest_frames_are_refused(frames: list[np.ndarray], words: str) -> None:
     with pytest.raises(UserError, match=words):
         MarkerTracker(PALETTE, NOISE).reset([Frame(image=image, time=0.0) for image in frames])
-
-
-def test_frame_of_another_size_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"shape \(240, 320, 3\).*\(480, 640, 3\)"):
-        fresh().update(Frame(image=np.zeros((240, 320, 3), np.uint8), time=0.0))
 
 
 def sheared(pitches: float) -> np.ndarray:
@@ -435,19 +374,6 @@ def test_errors_do_not_add_up() -> None:
         error = tracker.update(shoot(membrane, k)).position - image_centres(membrane)[:, order]
         rms.append(np.sqrt(np.mean(error**2)))
     assert np.mean(rms[-20:]) == pytest.approx(np.mean(rms[:20]), rel=0.1)
-
-
-@pytest.mark.parametrize("settings", [FULL, QUICK])
-def test_a_state_goes_on_where_it_was_taken(settings: FitSettings) -> None:
-    first, second = fresh(settings=settings), fresh(settings=settings)
-    frames = [shoot(MAP(sheared(0.1 * k)), k) for k in range(6)]
-    for frame in frames[:3]:
-        first.update(frame)
-    second.state = first.state
-    for frame in frames[3:]:
-        a, b = first.update(frame), second.update(frame)
-        np.testing.assert_array_equal(a.position, b.position)
-        np.testing.assert_array_equal(a.last_seen, b.last_seen)
 
 
 def anew(tracker: MarkerTracker, frame: Frame) -> Tracks:
