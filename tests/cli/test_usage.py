@@ -103,7 +103,7 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("score mine.Blobs data", "there is no mine.Blobs (did you mean mine:Blobs?); wanted: "),
         ("score . fit", "fit is a tracker, and stands before the truth: give fit DATA"),
         ("grasp --resume", "no option --resume (it is an option of `chromagrip dataset make`)"),
-        ("estimate a --store clean", "missing: SOURCE in `chromagrip estimate REST SOURCE`; REST "),
+        ("estimate a --shard 1/2", "missing: SOURCE in `chromagrip estimate REST SOURCE`; REST "),
         ("grasp conservative", "(as a controller it is --controller conservative, or --set contr"),
         ("grasp dome-2020-printed", "(as a sensor it is --sensor dome-2020-printed, or --set sens"),
         ("estimate a b --calibration thesys", "no calibration 'thesys' (did you mean thesis?); "),

@@ -141,23 +141,6 @@ def test_a_dask_worker_that_is_killed_loses_nothing(
     assert bytes_of(tmp_path / "dask") == bytes_of(tiny)
 
 
-def test_labels_are_those_of_the_run(tiny: Path) -> None:
-    """Forces on the object: ΣFn is the grip on flat objects, ΣFf the load less the drag."""
-    flat = {key: how for key, how in TINY.draw.items() if key != "object.radius_mm"}
-    draw = {**flat, "motion": {"choice": ["grasp"]}}
-    recipe = replace(TINY, draw=draw, scene={**TINY.scene, "duration_s": 1.0})
-    run = sequence(recipe, 1)
-    rest, frames = shots(recipe, run)
-    last = list(frames)[-1]
-    assert rest.shape == last.image.shape == (480, 640, 3)
-    assert last.values["normal_n"] == pytest.approx(run.values["grip_n"], rel=0.02)
-    assert last.values["friction_n"] == pytest.approx(last.values["load_n"], rel=0.05)
-    share = run.values["share"]
-    assert last.values["margin"] == pytest.approx(1.0 - share, abs=0.05)
-    normal, friction, mu = (last.nodes[f"node_{name}"] for name in ("normal_n", "friction_n", "mu"))
-    assert (abs(friction) <= mu * normal + 1e-9).all()
-
-
 def test_labels_are_what_opencv_projects(tiny: Path) -> None:
     """The thesis' camera sits in the centre of the port, which bends no ray."""
     one = next(iter(load_sequences(tiny)))

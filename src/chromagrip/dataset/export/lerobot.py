@@ -61,13 +61,10 @@ def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, in
         When the rate is no whole number, or rate, size of pictures or number of markers differ
         between sequences.
     """
-    import pandas as pd
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
     data, video = out / f"data/{_FILE}.parquet", out / f"videos/{CAMERA}/{_FILE}.mp4"
-    meta = out / f"meta/episodes/{_FILE}.parquet"
-    for path in (data, video, meta):
+    for path in (data, video):
         path.parent.mkdir(parents=True)
     episodes: list[dict[str, Any]] = []
     stats: list[dict[str, Arrays]] = []
@@ -102,35 +99,57 @@ def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, in
             found[CAMERA] = {kind: values.reshape(-1, 1, 1) for kind, values in shown}
             found[CAMERA]["count"] = np.array([len(colours)])
             stats.append(found)
-            end = start + length
-            episode: dict[str, Any] = {
-                "episode_index": len(episodes), "tasks": [task], "length": length,
-                "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0,
-                "data/chunk_index": 0, "data/file_index": 0,
-                "dataset_from_index": start, "dataset_to_index": end,
-                f"videos/{CAMERA}/chunk_index": 0, f"videos/{CAMERA}/file_index": 0,
-                f"videos/{CAMERA}/from_timestamp": start / rate,
-                f"videos/{CAMERA}/to_timestamp": end / rate,
-            }  # fmt: skip
-            for feature, of in found.items():
-                for kind, values in of.items():
-                    episode[f"stats/{feature}/{kind}"] = np.nan_to_num(values).tolist()
-            episodes.append(episode)
-            start = end
-    pq.write_table(pa.Table.from_pylist(episodes), meta)
+            episodes.append(_episode(len(episodes), start, length, rate, found) | {"tasks": [task]})
+            start += length
+    ends = dict(zip(parts, np.cumsum([*parts.values()]).tolist(), strict=True))
+    splits = {name: f"{end - parts[name]}:{end}" for name, end in ends.items()}
+    counts = {"total_episodes": len(episodes), "total_frames": start, "total_tasks": len(tasks)}
+    features = _features(columns, image.shape, rate)
+    info = _INFO | counts | {"fps": rate, "splits": splits, "features": features}
+    _write_meta(out / "meta", episodes, tasks, stats, info)
+
+
+def _write_meta(
+    out: Path,
+    episodes: list[dict[str, Any]],
+    tasks: list[str],
+    stats: list[dict[str, Arrays]],
+    info: dict[str, Any],
+) -> None:
+    """Write the tables of episodes and tasks, the statistics over all, and what describes them."""
+    import pandas as pd
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = out / f"episodes/{_FILE}.parquet"
+    path.parent.mkdir(parents=True)
+    pq.write_table(pa.Table.from_pylist(episodes), path)
     index = pd.Index(tasks, name="task")
-    pd.DataFrame({"task_index": range(len(tasks))}, index).to_parquet(out / "meta/tasks.parquet")
-    ends = np.cumsum([*parts.values()]).tolist()
-    splits = {name: f"{end - parts[name]}:{end}" for name, end in zip(parts, ends, strict=True)}
-    info = _INFO | {
-        "total_episodes": len(episodes), "total_frames": start, "total_tasks": len(tasks),
-        "fps": rate, "splits": splits,
-        "features": {CAMERA: _camera(image.shape, rate), **_features(columns)},
-    }  # fmt: skip
-    joined = {name: _joined([each[name] for each in stats]) for name in found}
+    pd.DataFrame({"task_index": range(len(tasks))}, index).to_parquet(out / "tasks.parquet")
+    joined = {name: _joined([each[name] for each in stats]) for name in stats[0]}
     for name, content in (("stats", joined), ("info", info)):
         text = json.dumps(content, indent=4, ensure_ascii=False)
-        (out / f"meta/{name}.json").write_text(text + "\n", encoding="utf-8")
+        (out / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _episode(
+    number: int, start: int, length: int, rate: int, stats: dict[str, Arrays]
+) -> dict[str, Any]:
+    """Row of the table of episodes, whose tasks come later."""
+    end, video = start + length, f"videos/{CAMERA}"
+    return {
+        "episode_index": number, "tasks": [], "length": length,
+        "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0,
+        "data/chunk_index": 0, "data/file_index": 0,
+        "dataset_from_index": start, "dataset_to_index": end,
+        f"{video}/chunk_index": 0, f"{video}/file_index": 0,
+        f"{video}/from_timestamp": start / rate, f"{video}/to_timestamp": end / rate,
+        **{
+            f"stats/{feature}/{kind}": np.nan_to_num(values).tolist()
+            for feature, of in stats.items()
+            for kind, values in of.items()
+        },
+    }  # fmt: skip
 
 
 def _sizes(one: Loaded) -> tuple[str, ...]:
@@ -169,25 +188,17 @@ def _columns(one: Loaded, episode: int, start: int, task: int) -> Arrays:
 
 
 def _wrench(one: Loaded) -> NDArray[np.float64]:
-    """True wrench of the object on the sensor as WRENCH, shape (T, 6).
-
-    A chain has sums along and across its slice only; they are x and −z.
-    """
+    """True wrench of the object on the sensor, shape (T, 6); of a chain along x and −z alone."""
     known = one.frames
-    if WRENCH[0] in known:
-        return np.stack(
-            [1e-3 * known[f"{n}m"] if f"{n}m" in known else known[n] for n in WRENCH], axis=1
-        )
-    wrench = np.zeros((len(one.pictures), 6))
-    wrench[:, 0], wrench[:, 2] = known["friction_n"], -known["normal_n"]
-    return wrench
+    if WRENCH[0] not in known:
+        wrench = np.zeros((len(one.pictures), 6))
+        wrench[:, 0], wrench[:, 2] = known["friction_n"], -known["normal_n"]
+        return wrench
+    return np.stack([1e-3 * known[f"{n}m"] if n[0] == "t" else known[n] for n in WRENCH], axis=1)
 
 
 def _stats(values: NDArray[Any]) -> Arrays:
-    """Statistics over the rows in which a number is finite.
-
-    As in LeRobot, those of an array of a frame are over all its axes but the last.
-    """
+    """Statistics of finite numbers, over all axes but the last of a frame, as in LeRobot."""
     flat = values.reshape(-1, *(values.shape[1:][-1:] or (1,))).astype(float)
     flat[~np.isfinite(flat)] = np.nan
     with warnings.catch_warnings():
@@ -201,21 +212,15 @@ def _stats(values: NDArray[Any]) -> Arrays:
 
 
 def _joined(parts: Sequence[Arrays]) -> dict[str, list[Any]]:
-    """Statistics of a feature over all episodes, each weighted by its count, as LeRobot joins them.
-
-    That makes its quantiles approximate. Unknown statistics are 0.
-    """
+    """Statistics over all episodes, weighted by count as in LeRobot: quantiles are approximate."""
     of = {kind: np.ma.masked_invalid([part[kind] for part in parts]) for kind in parts[0]}
     over = partial(np.ma.average, axis=0, weights=of["count"][:, 0])
     mean = over(of["mean"])
     joined = {
-        "min": of["min"].min(axis=0),
-        "max": of["max"].max(axis=0),
-        "mean": mean,
+        "min": of["min"].min(axis=0), "max": of["max"].max(axis=0), "mean": mean,
         "std": np.ma.sqrt(over(of["std"] ** 2 + (of["mean"] - mean) ** 2)),
-        "count": of["count"].sum(axis=0),
-        **{name: over(of[name]) for name in _QUANTILES},
-    }
+        "count": of["count"].sum(axis=0), **{name: over(of[name]) for name in _QUANTILES},
+    }  # fmt: skip
     return {kind: values.filled(0).tolist() for kind, values in joined.items()}
 
 
@@ -231,21 +236,16 @@ def _table(columns: Arrays) -> Any:
     return pa.table(table)
 
 
-def _features(columns: Arrays) -> dict[str, Any]:
-    """Type, shape and names of the numbers of each column."""
-    features = {}
-    for name, values in columns.items():
-        names = list(_NAMES[name]) if name in _NAMES else None
-        shape = list(values.shape[1:] or (1,))
-        features[name] = {"dtype": str(values.dtype), "shape": shape, "names": names}
-    return features
-
-
-def _camera(shape: tuple[int, ...], rate: int) -> dict[str, Any]:
-    """Type, shape and video of the pictures."""
+def _features(columns: Arrays, shape: tuple[int, ...], rate: int) -> dict[str, Any]:
+    """Type, shape and names of the pictures, which are a video, and of each column."""
     video = {"height": shape[0], "width": shape[1], "codec": "h264", "pix_fmt": "yuv444p"}
     video |= {"fps": rate, "channels": 3}
     info = {f"video.{key}": value for key, value in video.items()}
     info |= {"is_depth_map": False, "has_audio": False}
-    names = ["height", "width", "channels"]
-    return {"dtype": "video", "shape": list(shape), "names": names, "info": info}
+    names: list[str] | None = ["height", "width", "channels"]
+    features = {CAMERA: {"dtype": "video", "shape": list(shape), "names": names, "info": info}}
+    for name, values in columns.items():
+        names = list(_NAMES[name]) if name in _NAMES else None
+        own = list(values.shape[1:] or (1,))
+        features[name] = {"dtype": str(values.dtype), "shape": own, "names": names}
+    return features
