@@ -3,6 +3,7 @@
 from contextlib import suppress
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from chromagrip.errors import UserError
@@ -65,7 +66,6 @@ def test_a_video_without_pictures_leaves_nothing(tmp_path):
 
 
 def test_an_interrupted_table_keeps_its_rows(tmp_path):
-    pq = pytest.importorskip("pyarrow.parquet")
     with suppress(KeyboardInterrupt), EstimateTable(tmp_path / "e.parquet", FORCES) as table:
         table.add({"frame": 7})
         raise KeyboardInterrupt

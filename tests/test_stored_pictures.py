@@ -7,6 +7,7 @@ import zlib
 from contextlib import suppress
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -79,7 +80,6 @@ def test_the_limit_is_chosen(kind: str, tmp_path: Path) -> None:
 
 
 def test_a_huge_video_is_not_decoded(tmp_path: Path) -> None:
-    av = pytest.importorskip("av")
     path = tmp_path / "wide.mkv"
     with av.open(str(path), "w") as video:
         stream = video.add_stream("ffv1", rate=10)

@@ -104,6 +104,10 @@ def test_errors_are_sentences(held: Path, tmp_path: Path) -> None:
         write_reports([])
     broken = tmp_path / "broken"
     a_run(broken)
+    table = (broken / "trace.parquet").rename(broken / "trace.npz")  # as of a run of before
+    with pytest.raises(UserError, match=r"is not a finished run: it has no trace\.parquet"):
+        write_reports([broken])
+    table.rename(broken / "trace.parquet")
     (broken / "summary.json").write_text("{")
     with pytest.raises(UserError, match="broken cannot be read"):
         write_reports([broken])

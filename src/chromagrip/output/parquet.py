@@ -156,48 +156,46 @@ class TrackTable(_Table):
 
     def __init__(self, path: Path, layers: tuple[str, ...], rest: NDArray[np.float64]) -> None:
         super().__init__(path, TRACKS)
-        self._layers, self._rest = layers, rest.reshape(-1, 2)
+        self._layers, self._rest = layers, rest
         # One buffer for a whole row group: kept small pieces would lie between the large pictures
         # of a video on the heap, and their memory could not be used again.
-        size = max(1, len(self._rest))
+        size = max(1, rest[..., 0].size)
         kinds = [(n, "i1" if kind == "dictionary" else kind) for n, (kind, _) in TRACKS.items()]
         self._buffer = np.empty(max(1, _TRACK_GROUP // size) * size, kinds)
         self._rows = 0
 
     def add(self, index: int, tracks: Tracks) -> None:
         """Append the tracks of frame number `index`."""
-        layers, markers = tracks.visible.shape
+        layers, markers = shape = tracks.visible.shape
         if self._rows + layers * markers > len(self._buffer):
             self._flush()
-        at = 3 * np.arange(layers)
-        hue = np.full((layers, markers), np.nan)
-        hue[0] = tracks.hue
+        rows = self._buffer[self._rows : self._rows + layers * markers].reshape(shape)
+        self._rows += rows.size
+        layer = np.arange(layers)
+        known: dict[str, Any] = {
+            "frame": index,
+            "time_s": tracks.time,
+            "layer": layer[:, None],
+            "marker": np.arange(markers),
+            "rest_x_px": self._rest[..., 0],
+            "rest_y_px": self._rest[..., 1],
+            "visible": tracks.visible,
+            "ambiguous": tracks.ambiguous,
+            "last_seen_s": tracks.last_seen,
+        }
         measured = {
             "x_px": tracks.position[..., 0],
             "y_px": tracks.position[..., 1],
             "log_size": tracks.log_size,
-            "hue_deg": hue,
-            "var_xx_px2": tracks.covariance[:, at, at].T,
-            "var_xy_px2": tracks.covariance[:, at, at + 1].T,
-            "var_yy_px2": tracks.covariance[:, at + 1, at + 1].T,
+            "hue_deg": np.where(layer[:, None] == 0, tracks.hue, np.nan),
+            "var_xx_px2": tracks.covariance[:, 3 * layer, 3 * layer].T,
+            "var_xy_px2": tracks.covariance[:, 3 * layer, 3 * layer + 1].T,
+            "var_yy_px2": tracks.covariance[:, 3 * layer + 1, 3 * layer + 1].T,
         }
-        values: dict[str, Any] = {
-            "frame": index,
-            "time_s": tracks.time,
-            "rest_x_px": self._rest[:, 0],
-            "rest_y_px": self._rest[:, 1],
-            "layer": np.repeat(np.arange(layers), markers),
-            "marker": np.tile(np.arange(markers), layers),
-            "visible": tracks.visible.ravel(),
-            "ambiguous": tracks.ambiguous.ravel(),
-            "last_seen_s": tracks.last_seen.ravel(),
-        }
-        for name, one in measured.items():
-            values[name] = np.where(tracks.visible, one, np.nan).ravel()
-        rows = self._buffer[self._rows : self._rows + layers * markers]
-        for name, one in values.items():
-            rows[name] = one
-        self._rows += len(rows)
+        for name, values in known.items():
+            rows[name] = values
+        for name, values in measured.items():
+            rows[name] = np.where(tracks.visible, values, np.nan)
 
     def _flush(self) -> None:
         import pyarrow as pa

@@ -212,7 +212,7 @@ def _paged_source(
 
 def _refuse_home(folder: Path) -> None:
     """Refuse a run and a dataset, whose pictures of frames lie further down."""
-    if (folder / "summary.json").is_file() and (folder / "scene.toml").is_file():
+    if (folder / "summary.json").is_file() and any(folder.glob("trace.*")):
         kept = folder / "frames"
         frames = kept if kept.is_dir() else folder / "tactile.mp4"
         raise UserError(f"folder {folder} is a run, whose frames are in {frames}: give that")
