@@ -1,5 +1,6 @@
 """Datasets: the same bytes however they are made, nothing half-written, and physics that holds."""
 
+import hashlib
 import json
 import math
 import os
@@ -211,10 +212,23 @@ def test_a_value_out_of_its_range_is_named(
         check(folder)
 
 
-def test_a_store_of_before_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "old.toml").write_text('store = "clean"\nsequences = 2\n')
+def test_noisy_datasets_of_before_are_read_and_clean_ones_refused(
+    tiny: Path, tmp_path: Path
+) -> None:
+    """Each recipe named the store; of the two, pictures with noise are what is kept today."""
+    folder = copied(tiny, tmp_path / "before")
+    recipe = folder / "recipe.toml"
+    manifest = json.loads((folder / "manifest.json").read_text("utf-8"))
+    for store in ("noisy", "clean"):
+        text = f'store = "{store}"\n{(tiny / "recipe.toml").read_text("utf-8")}'
+        recipe.write_text(text, "utf-8")
+        manifest["files"]["recipe.toml"] = hashlib.sha256(recipe.read_bytes()).hexdigest()
+        (folder / "manifest.json").write_text(json.dumps(manifest), "utf-8")
+        if store == "noisy":
+            assert check(folder) == len(manifest["sequences"])
+            assert load_recipe(recipe) == load_recipe(tiny / "recipe.toml")
     with pytest.raises(UserError, match="unknown key store"):
-        load_recipe(tmp_path / "old.toml")
+        check(folder)
 
 
 def test_parts_share_no_object(tiny: Path, tmp_path: Path) -> None:

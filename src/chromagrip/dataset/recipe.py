@@ -126,6 +126,8 @@ def load_recipe(
     title = f"recipe {name}"
     if name.endswith(".toml"):
         values = read_toml(Path(name), title)
+        if values.get("store") == "noisy":  # written into every recipe before 29 November 2026
+            del values["store"]
     elif name in recipe_names():
         values = parse_toml((SHIPPED / f"{name}.toml").read_text(encoding="utf-8"), title)
     else:
