@@ -332,11 +332,6 @@ class SensorData:
         return self._sensor.camera.expose(exposed, state.index, state.before)
 
     @property
-    def clean(self) -> Image:
-        """Picture without noise, RGB, uint8, shape (H, W, 3); do not change it."""
-        return self._sensor.camera.clean(self._state.exposed.state, self.index, self._state.before)
-
-    @property
     def image(self) -> Image:
         """Picture of the camera, RGB, uint8, shape (H, W, 3)."""
         return self.frame.image
