@@ -100,15 +100,17 @@ def save_damaged(path: Path) -> None:
     path.write_bytes(data)
 
 
+def save_times(times: np.ndarray) -> Callable[[Path], None]:
+    return lambda path: np.savez(path, images=PICTURES, times=times)
+
+
 @pytest.mark.parametrize(
     ("name", "save", "words"),
     [
         ("a.npy", lambda p: np.save(p, PICTURES / 255.0), r"has float64 \(12, 4, 7, 3\); wanted"),
-        ("a.npy", lambda p: np.save(p, PICTURES[..., 0, 0]), r"has uint8 \(12, 4\); wanted"),
         ("a.npy", lambda p: np.save(p, PICTURES[:, :0]), r"has uint8 \(12, 0, 7, 3\); wanted"),
         ("a.npy", lambda p: np.save(p, np.asfortranarray(PICTURES)), "columns first; wanted"),
         ("a.npy", lambda p: np.save(p, np.array([{}]), allow_pickle=True), r"has object \(1,\)"),
-        ("a.npy", lambda p: p.write_bytes(b""), "a.npy cannot be read: .*; wanted: an array"),
         ("a.npy", lambda p: p.write_bytes(b"PK"), "a.npy cannot be read: .*; wanted: an array"),
         ("a.npy", save_cut, "a.npy breaks off after 10 of 12 frames$"),
         ("a.npz", save_damaged, "a.npz cannot be read: Bad CRC-32"),
@@ -116,24 +118,11 @@ def save_damaged(path: Path) -> None:
         (
             "a.npz",
             lambda p: np.savez(p, a=PICTURES, b=PICTURES),
-            "has a, b; wanted: an array uint8, or",
+            "has a, b; wanted: an array uint8",
         ),
-        ("a.npz", lambda p: np.savez(p, images=np.zeros(3)), r"has float64 \(3,\); wanted"),
-        (
-            "a.npz",
-            lambda p: np.savez(p, images=PICTURES, times=np.zeros(3)),
-            r"has times float64 \(3,\); wanted: .* times or time_s \(N,\) \[s\]",
-        ),
-        (
-            "a.npz",
-            lambda p: np.savez(p, images=PICTURES, times=np.full(12, np.nan)),
-            r"has times float64 \(12,\); wanted",
-        ),
-        (
-            "a.npz",
-            lambda p: np.savez(p, images=PICTURES, times=-np.arange(12.0)),
-            r"frame 1 of .*a.npz has the time -1 s, the one before -?0 s",
-        ),
+        ("a.npz", save_times(np.zeros(3)), r"has times float64 \(3,\); wanted: .* times or time_s"),
+        ("a.npz", save_times(np.full(12, np.nan)), r"has times float64 \(12,\); wanted"),
+        ("a.npz", save_times(-np.arange(12.0)), "frame 1 of .*a.npz has the time -1 s, the one be"),
     ],
 )
 def test_arrays_that_are_no_pictures(
@@ -142,9 +131,6 @@ def test_arrays_that_are_no_pictures(
     save(tmp_path / name)
     with pytest.raises(UserError, match=words):
         images(tmp_path / name)
-
-
-def test_larger_arrays_are_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", PICTURES)
     with pytest.raises(UserError, match="has 7×4 pixels"):
         open_source(str(tmp_path / "a.npy"), max_megapixels=2e-5)
@@ -155,23 +141,20 @@ def test_larger_arrays_are_refused(tmp_path: Path) -> None:
     [
         ("none.npz", "there is no none.npz; give a picture, a folder of pictures"),
         ("none.mcap(topic=/a)", r"there is no none.mcap\(topic=/a\); give"),
-        ("rtsp://there/stream", "there is no rtsp://there/stream; give"),
         ("none", "there is no none; give .* another one of `chromagrip list sources`"),
-        ("none/*.png", r"pattern none/\*.png has no pictures; expected .png"),
         ("*.txt", r"pattern \*.txt has no pictures; expected .png"),
-        ("nowhere:Source", "source 'nowhere:Source': there is no module nowhere"),
         ("json:JSONDecoder", "source 'json:JSONDecoder' has no read; see chromagrip.sources.Frame"),
         ("mine:Source", "module mine has no Source"),
         ("mine:Own(cont=3)", r"has no argument cont \(did you mean count\?\); it has count, of"),
         ("mine:Own(count=", "expected module:Class"),
+        (5, "source 'builtins:int' has no read"),
     ],
 )
 def test_what_is_no_source_is_one_sentence(
-    name: str, words: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    name: Any, words: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.txt").write_text("nothing")
-    monkeypatch.setitem(sys.modules, "mine", sys.modules[__name__])
     with pytest.raises(UserError, match=words):
         list(open_source(name).frames())
 
@@ -233,15 +216,12 @@ def test_sources_of_ones_own(
     assert [frame.time for frame in frames] == [11.0 - count + k for k in range(count)]
     assert source.delivery.counts["repeated"] == 0
     assert Own.closed + Stored.closed == 1
-    if not live:  # from the first one again
+    if not live:  # from the first one again, and closed where it is left
         assert len(list(source.frames())) == count
-
-
-def test_a_source_that_is_left_is_closed() -> None:
-    frames = open_source("mine:Own").frames()
-    next(frames)
-    frames.close()  # type: ignore[attr-defined]
-    assert Own.closed == 1
+        left = source.frames()
+        next(left)
+        left.close()  # type: ignore[attr-defined]
+        assert Stored.closed == 3
 
 
 def gives(*found: object) -> type:
@@ -268,7 +248,6 @@ FRAME = (PICTURES[0], 1.0)
         ((FRAME, SystemExit(0)), "failed after 1 frames: SystemExit: 0"),
         ((FRAME, UserError("no light in the gel")), "^no light in the gel$"),
         ((FRAME, PICTURES[0]), "it gave the time None; wanted: a number"),
-        (((PICTURES[0] / 255.0, 0.0),), r"it gave float64 \(4, 7, 3\); wanted: \(picture uint8"),
         (((PICTURES[0, ..., 0], 0.0),), r"it gave uint8 \(4, 7\); wanted: \(picture uint8"),
         ((("picture", 0.0),), "it gave str; wanted"),
         (((PICTURES[0], np.nan),), "it gave the time nan; wanted: a number of seconds"),
@@ -279,11 +258,6 @@ FRAME = (PICTURES[0], 1.0)
 def test_what_a_source_of_ones_own_must_not_give(found: tuple[object, ...], words: str) -> None:
     with pytest.raises(UserError, match=words):
         list(open_source(gives(*found)).frames())
-
-
-def test_an_object_that_does_not_read_is_refused() -> None:
-    with pytest.raises(UserError, match="source 'builtins:int' has no read"):
-        list(open_source(5).frames())  # type: ignore[arg-type]
 
 
 def test_the_list_of_sources(typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
