@@ -3,10 +3,11 @@ import json
 import re
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import av
 import cv2
@@ -28,6 +29,7 @@ from chromagrip.sensing import reader
 from chromagrip.sources import open_source
 from chromagrip.tracking import Palette, Tracks, load_tracker
 
+Run = Callable[..., int]
 SENSOR = load_sensor("thesis")
 PAINTER = open_renderer("painter", SENSOR)
 REST = MembraneMap(SENSOR, 251)(np.zeros((Fingertip().nodes, 2)))
@@ -38,10 +40,18 @@ DOTS = DOTS + np.random.default_rng(5).uniform(-3.0, 3.0, DOTS.shape)
 DOC = Path(__file__).parents[2] / "docs" / "extend.md"
 
 
-@pytest.fixture(autouse=True)
-def _signal_handler() -> Iterator[None]:
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
+    """Runs a command and gives its exit code; its output is left to be captured."""
     before = signal.getsignal(signal.SIGINT)
-    yield
+
+    def command(*words: object) -> int:
+        monkeypatch.setattr(sys, "argv", ["chromagrip", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return int(ended.value.code or 0)
+
+    yield command
     signal.signal(signal.SIGINT, before)
 
 
@@ -55,13 +65,6 @@ def nearest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "my_module", raising=False)
     return "my_module:Nearest"
-
-
-def chromagrip(monkeypatch: pytest.MonkeyPatch, *words: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["chromagrip", *map(str, words)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0)
 
 
 @functools.cache
@@ -139,11 +142,11 @@ def dome(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_detect_lists_both_layers(
-    dome: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    dome: Path, tmp_path: Path, run: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
     picture = dome / "frames" / "frame-4.png"
     out = tmp_path / "seen.png"
-    assert chromagrip(monkeypatch, "detect", picture, "--json", "--out", out) == 0
+    assert run("detect", picture, "--json", "--out", out) == 0
     report = json.loads(capsys.readouterr().out)
     assert (report["width_px"], report["height_px"]) == (640, 480)
     truth = centroids(outlines(moved(8e-5), SENSOR.view), square=False)
@@ -167,23 +170,17 @@ def test_detect_lists_both_layers(
     assert drawn.shape[1] == 1280
 
 
-def test_detect_shows_what_it_counts(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    picture = write(tmp_path / "dots.png", dots())
-    assert chromagrip(monkeypatch, "detect", picture, "--palette", "dark-dots") == 0
-    layer, count = capsys.readouterr().out.splitlines()[-2].split()[:2]
-    assert (layer, int(count)) == ("dark", len(DOTS))
-
-
 def test_the_palette_that_was_found_finds_the_same_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, run: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
     picture, saved = write(tmp_path / "dots.png", dots()), tmp_path / "mine.toml"
-    assert chromagrip(monkeypatch, "detect", picture, "--save-palette", saved, "--json") == 0
+    assert run("detect", picture, "--save-palette", saved, "--json") == 0
     found = json.loads(capsys.readouterr().out)
-    assert chromagrip(monkeypatch, "detect", picture, "--palette", saved, "--json") == 0
+    assert run("detect", picture, "--palette", saved, "--json") == 0
     again = json.loads(capsys.readouterr().out)
+    assert run("detect", picture, "--palette", "dark-dots") == 0
+    layer, count = capsys.readouterr().out.splitlines()[-2].split()[:2]
+    assert (layer, int(count)) == ("dark", len(DOTS))
     assert (found["palette"], again["palette"]) == ("auto", str(saved))
     assert found["dyes"]["dark"] == pytest.approx(again["dyes"]["dark"], rel=1e-3)
     assert found["dyes"]["dark"] == pytest.approx([0.15] * 3, abs=0.04)
@@ -193,11 +190,11 @@ def test_the_palette_that_was_found_finds_the_same_again(
 
 
 def test_tracks_are_where_the_markers_are(
-    dome: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    dome: Path, tmp_path: Path, run: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "tracks"
     words = ("track", dome / "rest", dome / "frames", "--fps", 50, "--out", out, "--json")
-    assert chromagrip(monkeypatch, *words) == 0
+    assert run(*words) == 0
     summary, columns, schema = read(out)
     assert json.loads(capsys.readouterr().out) == summary
     assert summary["format"] == "chromagrip track 1"
@@ -241,16 +238,14 @@ def test_tracks_are_where_the_markers_are(
     assert red[5] - red[4] > 1000
 
 
-def test_ones_own_tracker_and_dots_in_natural_order(
-    nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ones_own_tracker_and_dots_in_natural_order(nearest: str, tmp_path: Path, run: Run) -> None:
     """frame-2 comes before frame-10; the shift is proportional to the number."""
     for k in range(11):
         write(tmp_path / "frames" / f"frame-{k}.png", dots(0.7 * k, k))
     (tmp_path / "frames" / "notes.txt").write_text("not a picture", encoding="utf-8")
     out = tmp_path / "out"
     words = ("--palette", "dark-dots", "--tracker", nearest, "--out", out)
-    assert chromagrip(monkeypatch, "track", "first", tmp_path / "frames", *words) == 0
+    assert run("track", "first", tmp_path / "frames", *words) == 0
     summary, columns, _ = read(out)
     assert summary["fps"] == 30.0
     assert summary["noise_levels"] == pytest.approx(1.0, abs=0.3)
@@ -271,19 +266,22 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_video_has_its_own_times_or_those_given(
-    film: Path, nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    film: Path, nearest: str, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Rows are written as they come: memory does not wait for the end."""
+    monkeypatch.setattr("chromagrip.output.parquet._TRACK_GROUP", 2 * len(DOTS))
     words = ("track", "first:1", film, "--palette", "dark-dots", "--tracker", nearest)
     for name, options, rate in (("own", (), 50.0), ("given", ("--fps", 200), 200.0)):
         out = tmp_path / name
-        assert chromagrip(monkeypatch, *words, *options, "--out", out) == 0
+        assert run(*words, *options, "--out", out) == 0
         summary, columns, _ = read(out)
         assert (summary["frames"], summary["fps"]) == (6, rate)
         np.testing.assert_allclose(columns["time_s"], columns["frame"] / rate, atol=1e-6)
         x = columns["x_px"].reshape(6, len(DOTS))
         np.testing.assert_allclose((x - x[0]).mean(axis=1), 0.5 * np.arange(6), atol=0.02)
+        assert pq.ParquetFile(out / "tracks.parquet").num_row_groups == 3
     out = tmp_path / "short"
-    assert chromagrip(monkeypatch, *words, "--frames", 3, "--out", out) == 0
+    assert run(*words, "--frames", 3, "--out", out) == 0
     summary, columns, _ = read(out)
     assert (summary["complete"], summary["ended"]) == (True, "after 3 frames, as asked")
     assert columns["frame"].max() == 2
@@ -296,6 +294,13 @@ def _cut_film(film: Path, folder: Path) -> Path:
     return path
 
 
+def _cut_matroska(film: Path, folder: Path) -> Path:
+    """Which has no index that tells how many there are."""
+    path = write_video(folder / "cut.mkv", [dots(0.5 * k, k) for k in range(10)])
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    return path
+
+
 def _cut_picture(film: Path, folder: Path) -> Path:
     for k in range(4):
         path = write(folder / "frames" / f"{k}.png", dots(0.5 * k, k))
@@ -304,19 +309,12 @@ def _cut_picture(film: Path, folder: Path) -> Path:
     return folder / "frames"
 
 
-def _other_size(film: Path, folder: Path) -> Path:
-    for k in range(4):
-        size = (240, 180) if k != 3 else (200, 180)
-        write(folder / "frames" / f"{k}.png", dots(0.5 * k, k, size))
-    return folder / "frames"
-
-
 @pytest.mark.parametrize(
     ("broken", "frames", "told"),
     [
         (_cut_film, (2, 4), r"video .*cut.mp4 breaks off after \d of 6 frames"),
+        (_cut_matroska, (3, 6), r"cut.mkv breaks off after [3-6] frames.*should last 0.2 s"),
         (_cut_picture, (3, 3), r"picture .*3.png cannot be read: it is cut off, or not a png file"),
-        (_other_size, (3, 3), r"frame 3 of .* is 200×180 pixels, the rest frame 240×180"),
     ],
 )
 def test_what_breaks_off_keeps_the_tracks_up_to_there(
@@ -326,12 +324,12 @@ def test_what_breaks_off_keeps_the_tracks_up_to_there(
     film: Path,
     nearest: str,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    run: Run,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     out = tmp_path / "out"
     words = ("--palette", "dark-dots", "--tracker", nearest, "--out", out)
-    assert chromagrip(monkeypatch, "track", "first", broken(film, tmp_path), *words) == 2
+    assert run("track", "first", broken(film, tmp_path), *words) == 2
     sentence = capfd.readouterr().err.strip()
     assert re.search(told, sentence)
     assert len(sentence.splitlines()) == 1
@@ -345,74 +343,40 @@ def test_what_breaks_off_keeps_the_tracks_up_to_there(
     assert len(overlay(out)) == summary["frames"]
 
 
-def test_a_matroska_file_that_is_cut_is_not_whole(tmp_path: Path) -> None:
-    whole = write_video(tmp_path / "whole.mkv", [dots(index=k) for k in range(10)])
-    assert len(list(open_source(str(whole)).frames())) == 10
-    cut = tmp_path / "cut.mkv"
-    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    seen = []
-    with pytest.raises(ValueError, match=r"breaks off after [3-6] frames.*should last 0.2 s"):
-        seen.extend(frame.time for frame in open_source(str(cut)).frames())
+class Endless:
+    """Gives dots without end, as a camera does."""
 
+    count = 0
 
-class Interrupting:
-    """Raises after so many frames, as Ctrl-C does."""
-
-    def __init__(self, after: int) -> None:
-        self.after = after
-
-    def __call__(self, tracks: object, resting: object, name: str) -> None:
-        self.after -= 1
-        if self.after < 0:
-            raise KeyboardInterrupt
-
-
-class Camera:
-    """Stands in for OpenCV's capture: dots, BGR, without end."""
-
-    def __init__(self, number: int) -> None:
-        self.there, self.count = number == 0, 0
-
-    def isOpened(self) -> bool:  # noqa: N802
-        return self.there
-
-    def read(self) -> tuple[bool, np.ndarray]:
+    def read(self) -> tuple[np.ndarray, float]:
         self.count += 1
-        return True, dots(index=self.count)[..., ::-1]
-
-    def get(self, key: int) -> float:
-        return 0.0
-
-    def release(self) -> None:
-        pass
+        return dots(index=self.count), 0.02 * self.count
 
 
-def test_an_interruption_keeps_what_there_is(
-    film: Path, nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(reader, "check_tracks", Interrupting(3))
-    words = ("--palette", "dark-dots", "--tracker", nearest, "--out", tmp_path / "out")
-    assert chromagrip(monkeypatch, "track", "first", film, *words) == 130
-    summary, columns, _ = read(tmp_path / "out")
-    assert (summary["frames"], summary["complete"], summary["ended"]) == (3, False, "interrupted")
-    assert columns["frame"].max() == 2
-
-
-@pytest.mark.parametrize(("limit", "code", "frames"), [((), 0, 3), (("--frames", 9), 130, 3)])
-def test_a_camera_is_ended_by_an_interruption(
+@pytest.mark.parametrize(
+    ("source", "limit", "code"),
+    [("film", (), 130), ("mine:Endless", (), 0), ("mine:Endless", ("--frames", 9), 130)],
+)
+def test_an_interruption_keeps_what_there_is_and_is_the_end_of_a_camera(
+    source: str,
     limit: tuple[object, ...],
     code: int,
-    frames: int,
+    film: Path,
     nearest: str,
     tmp_path: Path,
+    run: Run,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(cv2, "VideoCapture", Camera)
-    monkeypatch.setattr(reader, "check_tracks", Interrupting(frames))
+    monkeypatch.setitem(sys.modules, "mine", sys.modules[__name__])
+    interrupted = Mock(side_effect=[None, None, None, KeyboardInterrupt])  # as Ctrl-C does
+    monkeypatch.setattr(reader, "check_tracks", interrupted)
     words = ("--palette", "dark-dots", "--tracker", nearest, "--out", tmp_path / "out", *limit)
-    assert chromagrip(monkeypatch, "track", "first:2", "camera:0", *words) == code
+    source = str(film) if source == "film" else source
+    assert run("track", "first:2", source, *words) == code
     summary, columns, _ = read(tmp_path / "out")
-    assert (summary["frames"], summary["complete"]) == (frames, code == 0)
+    assert (summary["frames"], summary["complete"]) == (3, code == 0)
+    assert summary["ended"] == "interrupted" or code == 0
+    assert columns["frame"].max() == 2
     assert (np.diff(columns["time_s"][:: len(DOTS)]) > 0.0).all()
 
 
@@ -434,65 +398,49 @@ class Failing:
         return tracks
 
 
-def test_an_exit_of_a_tracker_is_its_failure(film: Path, nearest: str, tmp_path: Path) -> None:
-    """Not the end of the program, which would look like success."""
-    tracker = functools.partial(Failing, load_tracker(nearest), SystemExit(0))
-    outcome = track_source(
-        "first", str(film), palette="dark-dots", tracker=tracker, out=tmp_path / "out"
-    )
-    assert outcome.broken is not None
-    place = r"\(test_track_commands.py, line \d+\)"
-    words = rf"tracker '.*:Failing' failed: SystemExit: 0 {place}; .* 2 frames"
-    assert re.match(words, outcome.broken)
-    summary, columns, _ = read(tmp_path / "out")
-    assert (summary["frames"], summary["complete"]) == (2, False)
-    assert summary["ended"] == outcome.broken
+@pytest.mark.parametrize("error", [SystemExit(0), ValueError("a bug")])
+def test_a_tracker_that_fails_keeps_what_it_gave(
+    error: BaseException, film: Path, nearest: str, tmp_path: Path
+) -> None:
+    """An exit is not the end of the program, which would look like success; a bug is shown."""
+    tracker = functools.partial(Failing, load_tracker(nearest), error)
+    out, told = tmp_path / "out", "ValueError: a bug"
+    words: dict[str, Any] = {"palette": "dark-dots", "tracker": tracker, "out": out}
+    if isinstance(error, ValueError):
+        with pytest.raises(ValueError, match="a bug") as raised:
+            track_source("first", str(film), **words)
+        assert raised.value is error
+    else:
+        told = str(track_source("first", str(film), **words).broken)
+        place = r"\(test_track_commands.py, line \d+\)"
+        assert re.match(rf"tracker '.*:Failing' failed: SystemExit: 0 {place}; .* 2 frames", told)
+    summary, columns, _ = read(out)
+    assert (summary["frames"], summary["complete"], summary["ended"]) == (2, False, told)
     assert columns["frame"].max() == 1
 
 
-def test_a_bug_of_a_tracker_is_shown_as_one(film: Path, nearest: str, tmp_path: Path) -> None:
-    tracker = functools.partial(Failing, load_tracker(nearest), ValueError("a bug"))
-    with pytest.raises(ValueError, match="a bug") as raised:
-        track_source("first", str(film), palette="dark-dots", tracker=tracker, out=tmp_path / "out")
-    assert not isinstance(raised.value, UserError)
-    summary, _, _ = read(tmp_path / "out")
-    assert (summary["frames"], summary["complete"]) == (2, False)
-    assert summary["ended"] == "ValueError: a bug"
-
-
-def test_memory_does_not_wait_for_the_end(
-    film: Path, nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("chromagrip.output.parquet._TRACK_GROUP", 2 * len(DOTS))
-    words = ("--palette", "dark-dots", "--tracker", nearest, "--out", tmp_path / "out")
-    assert chromagrip(monkeypatch, "track", "first", film, *words) == 0
-    assert pq.ParquetFile(tmp_path / "out" / "tracks.parquet").num_row_groups == 3
-
-
 @pytest.mark.slow
-def test_auto_finds_the_frame_at_rest(
-    nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_auto_finds_the_frame_at_rest(nearest: str, tmp_path: Path, run: Run) -> None:
     for k, shift in enumerate((6e-5, 0.0, 3e-5)):
         write(tmp_path / "frames" / f"{k}.png", painted(shift, k))
     words = ("--tracker", nearest, "--out", tmp_path / "out")
-    assert chromagrip(monkeypatch, "track", "auto", tmp_path / "frames", *words) == 0
+    assert run("track", "auto", tmp_path / "frames", *words) == 0
     assert read(tmp_path / "out")[0]["rest"] == "frame 1 of the source, found"
 
 
 def test_a_rest_picture_beside_the_frames_is_not_one_of_them(
-    nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    nearest: str, tmp_path: Path, run: Run
 ) -> None:
     """One with a frame's name is both."""
     for name in ("0.png", "1.png", "rest.png"):
         write(tmp_path / "frames" / name, dots())
     words = ("--palette", "dark-dots", "--tracker", nearest)
     frames = tmp_path / "frames"
-    assert chromagrip(monkeypatch, "track", frames, frames / "rest.png", *words) == 2  # swapped
+    assert run("track", frames, frames / "rest.png", *words) == 2  # swapped
     for rest, count in (("rest.png", 2), ("0.png", 2)):
         out = tmp_path / rest
         picture = tmp_path / "frames" / rest
-        assert chromagrip(monkeypatch, "track", picture, picture.parent, *words, "--out", out) == 0
+        assert run("track", picture, picture.parent, *words, "--out", out) == 0
         summary = read(out)[0]
         assert summary["frames"] == count
         assert summary["rest"].endswith("not counted as a frame of the source") == (
@@ -501,10 +449,7 @@ def test_a_rest_picture_beside_the_frames_is_not_one_of_them(
 
 
 def test_another_sensor_s_pictures_are_doubted(
-    nearest: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    nearest: str, tmp_path: Path, run: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Not a finger that covers most of the sensor later."""
     covered = dots().copy()
@@ -518,21 +463,21 @@ def test_another_sensor_s_pictures_are_doubted(
     for folder, doubted in (("frames", False), ("other", True)):
         source, out = tmp_path / folder, tmp_path / f"out-{folder}"
         call = ("track", tmp_path / "dots.png", source, *words, "--out", out)
-        assert chromagrip(monkeypatch, *call) == 0
+        assert run(*call) == 0
         told = "not in the first frames of" in " ".join(capsys.readouterr().out.split())
         doubt = read(out)[0]["source_doubt"]
         assert (told, doubt is not None) == (doubted, doubted)
 
 
 def test_folders_keep_what_follows_a_dot(
-    film: Path, nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    film: Path, nearest: str, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write(tmp_path / "run.1" / "0.png", dots())
     write(tmp_path / "a.b.png", dots())
     for source in ("run.1", "a.b.png", "./run.1/."):
         words = ("--palette", "dark-dots", "--tracker", nearest)
-        assert chromagrip(monkeypatch, "track", "first", source, *words) == 0
+        assert run("track", "first", source, *words) == 0
     names = {path.name for path in (tmp_path / "runs").iterdir()}
     assert names == {"track-run.1-001", "track-a.b-001", "track-run.1-002"}
 
@@ -552,12 +497,12 @@ def test_noise_is_estimated(sigma: float) -> None:
 
 @pytest.mark.slow
 def test_compressed_pictures_are_tracked_with_the_errors_of_compression(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, run: Run
 ) -> None:
     """Their still parts have no noise at all, their markers have errors of several levels."""
     video = write_video(tmp_path / "dome.mp4", [painted(2e-5 * k, k) for k in range(5)], crf=23)
     words = ("--out", tmp_path / "out", "--frames", 5)
-    assert chromagrip(monkeypatch, "track", "first", video, *words) == 0
+    assert run("track", "first", video, *words) == 0
     summary, columns, _ = read(tmp_path / "out")
     for layer in summary["layers"].values():
         assert layer["markers"] == 400
@@ -575,9 +520,6 @@ class Nothing:
     def __init__(self, palette, noise): ...
     def reset(self, rest): ...
     def update(self, frame): ...
-
-class Exits(Nothing):
-    def reset(self, rest): raise SystemExit(0)
 """
 
 
@@ -594,12 +536,10 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("run/summary.json", "run/trace.parquet", "set/manifest.json", "set/sequence-0/0"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).touch()
-    (folder / "cut.png").write_bytes((folder / "dots.png").read_bytes()[:2000])
     for name in ("empty.png", "empty.mp4"):
         (folder / name).touch()
     for name in ("text.mp4", "text.txt"):
         (folder / name).write_text("no film\n" * 99, encoding="utf-8")
-    cv2.imwrite(str(folder / "deep.png"), image.astype(np.uint16) * 257)
     clear = np.dstack([image, np.full(image.shape[:2], 128, np.uint8)])
     cv2.imwrite(str(folder / "clear.png"), clear)
     clear[..., 3] = 255
@@ -619,13 +559,8 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("words", "told"),
     [
         ("detect none.png", "picture none.png cannot be read: No such file"),
-        ("detect cut.png", "picture cut.png cannot be read: it is cut off, or not a png file"),
-        (
-            "detect text.mp4",
-            "text.mp4 is no picture; detect takes one .* `chromagrip track` reads v",
-        ),
+        ("detect text.mp4", "text.mp4 is no picture; detect takes one .* `chromagrip track` reads"),
         ("detect empty.png", "picture empty.png is empty"),
-        ("detect deep.png", "picture deep.png has uint16 values from"),
         ("detect clear.png", "picture clear.png has transparent pixels"),
         ("detect dots.png --palette chromatouch", "image is grey .* need a colour image"),
         ("detect grey.png", "picture grey.png: no regular marker pattern found in the picture"),
@@ -633,15 +568,11 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("detect dots.png --crop 9,9,300,90", "does not lie in the picture of 240×180 pixels"),
         ("detect dots.png --crop 0,0,240,20", "no regular marker pattern found in the picture"),
         ("detect dots.png --mask small.png", "mask small.png is 200×180 pixels, the picture 240"),
-        (
-            "detect dots.png --mask grey.png",
-            "mask grey.png is a picture, no mask: .* is neither bl",
-        ),
+        ("detect dots.png --mask grey.png", "grey.png is a picture, no mask: .* is neither bl"),
         ("detect dots.png --save-palette a.txt", "must end in .toml"),
-        ("detect dots.png --palette nosuch", "no palette 'nosuch'; there is"),
+        ("detect dots.png --palette nosuch", "no palette 'nosuch'; there is .*dark-dots"),
         ("detect dots.png --palette dark-dots --out dots.png", "exists; choose another or give"),
         ("detect dots.png --palette dark-dots --out a.jpg", "must end in .png"),
-        ("track first nowhere DARK", "there is no nowhere; give a picture, a folder"),
         ("track first none DARK", "folder none has no pictures"),
         ("track sizes frames DARK", "rest frames have different sizes: 200×180, 240×180 pixels"),
         ("track first empty.mp4 DARK", "video empty.mp4 is empty"),
@@ -654,14 +585,8 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("track dots.png set DARK", "folder set is a dataset: give one of .* such as set/seq"),
         ("track first:x frames DARK", "rest first:x: there is no .* first, first:N or auto"),
         ("track small.png frames DARK", r"frame 0 of frames \(0.png\) is 240×180 .* 200×180"),
-        (
-            "track grey.png frames DARK",
-            "rest grey.png: no regular marker pattern found in the picture",
-        ),
-        (
-            "track auto grey.png DARK",
-            "auto can use no frame of grey.png; .* no regular marker pattern",
-        ),
+        ("track grey.png frames DARK", "rest grey.png: no regular marker pattern found in the pic"),
+        ("track auto grey.png DARK", "can use no frame of grey.png; .* no regular marker pattern"),
         ("track loaded.png dome.png --palette thesis", "rest frame looks loaded: around"),
         ("track auto frames DARK", "chromagrip: rest auto needs two layers .* shows dark alone"),
         ("track auto camera:9", "rest auto looks at every frame twice"),
@@ -671,7 +596,6 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("track first frames DARK --tracker blob", "no tracker 'blob'; there is fit, .*centroid"),
         ("track first frames DARK --tracker bad_trackers:NoUpdate", "has no update"),
         ("track first frames DARK --tracker bad_trackers:Nothing", "gave a NoneType; expected"),
-        ("track first frames DARK --tracker bad_trackers:Exits", "failed: SystemExit: 0"),
         ("track first frames DARK --out none/../frames", "frames is not empty"),
     ],
 )
@@ -680,6 +604,7 @@ def test_errors_are_one_sentence_and_exit_code_2(
     told: str,
     odd: Path,
     nearest: str,
+    run: Run,
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
@@ -691,7 +616,7 @@ def test_errors_are_one_sentence_and_exit_code_2(
         asked += ["--palette", "dark-dots"]
     if "track" in asked and "--tracker" not in asked:
         asked += ["--tracker", nearest]
-    assert chromagrip(monkeypatch, *asked) == 2
+    assert run(*asked) == 2
     printed, told_by = capfd.readouterr()
     assert re.search(told, told_by)
     assert len(told_by.strip().splitlines()) == 1
@@ -702,14 +627,6 @@ def test_errors_are_one_sentence_and_exit_code_2(
 def test_an_opaque_picture_with_alpha_will_do(odd: Path) -> None:
     (frame,) = open_source(str(odd / "opaque.png")).frames()
     assert (frame.image == dots()).all()
-
-
-def test_lists(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    assert chromagrip(monkeypatch, "list", "palettes") == 0
-    names = {line.split()[0] for line in capsys.readouterr().out.splitlines()}
-    assert names >= {"chromatouch", "dark-dots", "bright-pins", "thesis", "flat-2019"}
-    assert chromagrip(monkeypatch, "list", "trackers") == 0
-    assert "fit" in {line.split()[0] for line in capsys.readouterr().out.splitlines()}
 
 
 def test_a_disk_that_is_full_leaves_no_tracks(
