@@ -180,10 +180,14 @@ def test_missing_gl_is_one_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("number", "code", "told"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+)
 def test_an_interrupted_run_keeps_what_it_had(
-    tmp_path: Path, typed: Typed, monkeypatch: pytest.MonkeyPatch
+    number: int, code: int, told: str, tmp_path: Path, typed: Typed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Interrupted in its midst, by a controller; test_usage.py ends a process from outside."""
+    """Interrupted in its midst, by a controller."""
     out = tmp_path / "cut"
     while_it_ran: set[str] = set()
 
@@ -197,7 +201,7 @@ def test_an_interrupted_run_keeps_what_it_had(
             self.told += 1
             if self.told == 6:
                 while_it_ran.update(path.name for path in out.iterdir())
-                os.kill(os.getpid(), signal.SIGINT)
+                os.kill(os.getpid(), number)
             return GripCommand(force=1.0)
 
     module = ModuleType("hasty")
@@ -205,8 +209,7 @@ def test_an_interrupted_run_keeps_what_it_had(
     monkeypatch.setitem(sys.modules, "hasty", module)
     done = typed("grasp", "--controller", "hasty:Hasty", "--out", out)
     assert while_it_ran == {".lock", ".parts", "scene.toml"}  # nothing half-written looks whole
-    assert done.returncode == 130
-    assert done.stderr == "chromagrip: interrupted\n"
+    assert (done.returncode, done.stderr) == (code, f"chromagrip: {told}\n")
     summary = json.loads((out / "summary.json").read_text())
     assert summary["complete"] is False
     frames = summary["frames"]

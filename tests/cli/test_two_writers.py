@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from subprocess import CompletedProcess
 
@@ -16,7 +17,6 @@ from chromagrip.errors import UserError
 from chromagrip.folders import LOCK, filling, prepared
 
 Typed = Callable[..., CompletedProcess[str]]
-Writer = Callable[[Path], "subprocess.Popen[str]"]
 
 #: Holds a folder until it is ended.
 HOLD = """
@@ -26,7 +26,7 @@ from chromagrip.folders import prepared
 
 with prepared(Path(sys.argv[1]), overwrite=True):
     print("held", flush=True)
-    time.sleep(60)
+    time.sleep(600)
 """
 SHORT = ("--path", "truth", "--set", "duration_s=0.05")
 #: Commands that fill a folder, without its name.
@@ -45,28 +45,28 @@ COMMANDS = {
 }
 
 
-@pytest.fixture
-def writer() -> Iterator[Writer]:
-    """Starts a process that holds a folder."""
-    started = []
-
-    def start(folder: Path) -> "subprocess.Popen[str]":
-        command = [sys.executable, "-c", HOLD, str(folder)]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+@contextmanager
+def holding(folder: Path) -> "Iterator[subprocess.Popen[str]]":
+    """Process that holds a folder."""
+    command = [sys.executable, "-c", HOLD, str(folder)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "held\n"
-        started.append(process)
-        return process
-
-    yield start
-    for process in started:
+        yield process
         process.kill()
-        process.communicate()
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder that another process fills."""
+    folder = tmp_path_factory.mktemp("held")
+    with holding(folder):
+        yield folder
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_second_writer_is_refused(
-    name: str, tmp_path: Path, typed: Typed, held: Path, bytes_of: Callable[[Path], dict[str, str]]
+    name: str, typed: Typed, held: Path, bytes_of: Callable[[Path], dict[str, str]]
 ) -> None:
     before = bytes_of(held)
     done = typed(*COMMANDS[name], "--out", held)
@@ -76,28 +76,12 @@ def test_the_second_writer_is_refused(
     assert bytes_of(held) == before
 
 
-@pytest.fixture(scope="module")
-def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A folder that another process fills."""
-    folder = tmp_path_factory.mktemp("held")
-    process = subprocess.Popen(
-        [sys.executable, "-c", HOLD.replace("60", "600"), str(folder)],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "held\n"
-    yield folder
-    process.kill()
-    process.communicate()
-
-
-def test_a_killed_writer_holds_nothing(tmp_path: Path, writer: Writer) -> None:
-    process = writer(tmp_path)
-    with pytest.raises(UserError, match=f"process {process.pid} on"), filling(tmp_path):
-        pass
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+def test_a_killed_writer_holds_nothing(tmp_path: Path) -> None:
+    with holding(tmp_path) as process:
+        with pytest.raises(UserError, match=f"process {process.pid} on"), filling(tmp_path):
+            pass
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
     assert (tmp_path / LOCK).exists()  # which says nothing
     with prepared(tmp_path, overwrite=None):
         pass
@@ -110,7 +94,6 @@ def test_of_many_at_once_one_gets_in(tmp_path: Path) -> None:
 import sys
 from pathlib import Path
 from chromagrip.errors import UserError
-from chromagrip import folders as folder_module
 from chromagrip.folders import filling
 
 folder, got = Path(sys.argv[1]), 0
@@ -138,9 +121,3 @@ def test_default_names_do_not_collide(tmp_path: Path, monkeypatch: pytest.Monkey
     (names[1] / "trace").touch()
     folder_module.remove_empty()
     assert sorted((tmp_path / "runs").iterdir()) == [names[1].absolute()]
-
-
-def test_a_failed_command_leaves_no_new_folder(tmp_path: Path, typed: Typed) -> None:
-    assert typed("sweep", "--scene", "nowhere", "--path", "truth").returncode == 2
-    assert typed("grasp", "--controller", "nowhere:C").returncode == 2
-    assert not list(tmp_path.iterdir())

@@ -3,10 +3,8 @@
 import io
 import json
 import shlex
-import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
@@ -18,17 +16,6 @@ from chromagrip.cli.app import COMMANDS, OF_CHECKOUT, STUDIES, commands_of
 from chromagrip.measure.study import studies
 
 Typed = Callable[..., subprocess.CompletedProcess[str]]
-LISTS = [
-    "scenes",
-    "sensors",
-    "palettes",
-    "controllers",
-    "renderers",
-    "trackers",
-    "reconstructors",
-    "recipes",
-    "readouts",
-]
 
 
 @pytest.mark.parametrize("name", [*COMMANDS, *chain(*map(commands_of, STUDIES))])
@@ -79,32 +66,21 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("squeeze", "no command 'squeeze'; there is score, dataset, grasp, "),
         ("grap", "no command 'grap' (did you mean grasp?); there is score, "),
-        ("trackers", "`chromagrip trackers` is `chromagrip list trackers` now"),
         ("train thesis", "`chromagrip train` is `chromagrip calibrate readout` now"),
         ("list scene", "list scene (did you mean scenes?): there is scenes, sensors, "),
         ("grasp --sceen thesis", "no option --sceen (did you mean --scene?)"),
         ("grasp thesis -set object.friction=0.3", "no option -set (did you mean --set?)"),
-        (
-            "grasp thesis --friction 0.3",
-            "no option --friction (did you mean --set object.friction=…",
-        ),
         ("grasp thesis --duration 0.2", "no option --duration (did you mean --set duration_s=…?)"),
         ("grasp thesis margin-60hz", "one word too many: margin-60hz after thesis"),
         ("render thesis", "one word too many: thesis after render (did you mean --scene thesis?)"),
-        ("limit fovea", "one word too many: fovea after limit (did you mean --sensor fovea?)"),
         ("limit marks.png", "marks.png after limit (--sensor takes a name or a .toml file)"),
-        ("sweep thesis jerk-1", "jerk-1 after thesis (did you mean --scene jerk-1?)"),
         ("track dots.mp4", "missing: SOURCE in `chromagrip track REST SOURCE`; REST is the unload"),
         ("track --rest a.png --source b", "no option --rest: its value is a word without an opt"),
         ("score --tracker lk data", "as in `chromagrip score lk TRUTH`; see `chromagrip score "),
         ("score ft pictures", "there is no ft (did you mean fit?); wanted: a file or a folder of "),
-        ("score mine.Blobs data", "there is no mine.Blobs (did you mean mine:Blobs?); wanted: "),
         ("score . fit", "fit is a tracker, and stands before the truth: give fit DATA"),
         ("grasp --resume", "no option --resume (it is an option of `chromagrip dataset make`)"),
-        ("estimate a --shard 1/2", "missing: SOURCE in `chromagrip estimate REST SOURCE`; REST "),
-        ("grasp conservative", "(as a controller it is --controller conservative, or --set contr"),
         ("grasp dome-2020-printed", "(as a sensor it is --sensor dome-2020-printed, or --set sens"),
         ("estimate a b --calibration thesys", "no calibration 'thesys' (did you mean thesis?); "),
         ("grasp --set camera.latency=3", "(did you mean camera.latency_frames?); allowed here: "),
@@ -115,30 +91,17 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("sweep thesis --scene thesis", "a scene is given twice: thesis and --scene thesis"),
         ("sweep --set object.friction=0.3,0.6", "ed: give --vary object.friction=0.3,0.6"),
         ("sweep conservative", "no scene 'conservative' (as a controller it is --controller con"),
-        ("bench speed", "bench speed (in a checkout it is `./run bench speed`): there is "),
         ("stability model", "(in a checkout it is `./run bench stability-model`): there is "),
         ("plan thesis --error .05", "no option --error (did you mean --tolerance?)"),
         ("limit --error .05", "no option --error (did you mean --margin-error?)"),
-        (
-            "limit --radius-mm -5",
-            ": expected a radius above 0 mm, or of -8 mm or less for a",
-        ),
+        ("limit --radius-mm -5", ": expected a radius above 0 mm, or of -8 mm or less for a"),
         (
             "grasp --overwrite",
             "--overwrite is for the folder of --out: give --out, or leave it out",
         ),
-        (
-            "limit --overwrite",
-            "--overwrite is for the folder of --out: give --out, or leave it out",
-        ),
-        (
-            "sweep --vary object.friction=0.3,0.3",
-            "--vary object.friction=0.3,0.3: a value is given twice",
-        ),
+        ("sweep --vary object.friction=0.3,0.3", "object.friction=0.3,0.3: a value is given twice"),
         (f"render --object {__file__} --press-mm 1", "no mesh file ends in '.py'; formats are "),
-        ("dataset make tiny --sequences 3 --out a", "no option --sequences (did you mean --n?)"),
         ("render --object ball --depth 1", "no option --depth (did you mean --press-mm?)"),
-        ("dataset check a b", "one word too many: b after a"),
         ("dataset check a a", "one word too many: a after a"),
         ("grasp --allow mine.py", "--allow mine.py: expected a module, such as mine of a file"),
         ("grasp ''", "a word is empty: give a value in `chromagrip grasp ''`"),
@@ -152,85 +115,44 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("grasp thesis --json=yes", "--json takes no value, got yes"),
         ("grasp thesis --overwrite no", "--overwrite takes no value, got no"),
         ("grasp thesis --set seed 3", "--set seed 3: expected key=value, as seed=3"),
-        (
-            "grasp thesis --set seed=3 path=truth",
-            "path=truth has no option before it: write --set path=truth",
-        ),
-        (
-            "grasp --set seed=3 --set seed=4",
-            "seed is given twice: by --set seed=3 and --set seed=4",
-        ),
-        (
-            "grasp --seed 3 --set seed=4",
-            "seed is given twice: by an option of its own and --set seed=4",
-        ),
+        ("grasp thesis --set seed=3 path=truth", "has no option before it: write --set path=truth"),
+        ("grasp --set seed=3 --set seed=4", "is given twice: by --set seed=3 and --set seed=4"),
         ("render --seed 3 --set seed=4", "seed is given twice: by an option of its own and --set "),
-        (
-            "sweep --path truth --set path=camera",
-            "path is given twice: by an option of its own and ",
-        ),
+        ("sweep --path truth --set path=camera", "path is given twice: by an option of its own"),
         ("sweep --vary seed=1,2 --set seed=4", "seed is both varied and set; give it once"),
         ("grasp --arg a=1 --arg a=2", "a is given twice: by --arg a=1 and --arg a=2"),
         ("grasp --out=", "the value of --out is empty: give a value in `chromagrip grasp --out=`"),
         ("reproduce figure13", "part 'figure13' (did you mean figure-13?): allowed are all, "),
-        ("sweep --seeds 1,2", "--seeds '1,2': expected a whole number"),
-        ("grasp --answer-within 10s", "--answer-within '10s': expected a number"),
-        ("live --port http", "--port 'http': expected a whole number"),
         ("render --grip 1,2", "--grip '1,2': expected numbers with spaces between, such as 1 2"),
-        ("render --grip", "--grip: its value is missing"),
         ("render --grip --load 1", "--grip: its value is missing"),
         ("render --grip 1 -1", "--grip -1 N: expected 0 or more"),
         ("render --load nan", "--load nan N: expected a finite number"),
         ("render --object bal", "--object bal (did you mean ball?) is neither a file nor one of "),
-        ("render --object ball --press-mm -1", "--press-mm -1: expected 0 or more"),
         ("render --object ball --tilt-deg 200 0", "--tilt-deg 200: expected -90 to 90 about each "),
-        ("render --object ball --tilt-deg 0 nan", "--tilt-deg nan: expected a finite number"),
         ("render --object ball --force 0 0 -2", "--force -2 N downwards: expected 0 or more"),
         ("plan --tolerance 5%", "expected a number without %, such as 0.05 for 5 %"),
         ("dataset make tiny --count 4", "no option --count (did you mean --n?)"),
         ("bench stability", "bench stability (did you mean `chromagrip stability`?): there is "),
-        (
-            "grasp --controller mine:PI --set gain=3",
-            "for an argument of your controller give --arg",
-        ),
+        ("grasp --controller mine:PI --set gain=3", "for an argument of your controller give "),
         ("sweep --controller mine:PI --vary gain=2,3", "for an argument of your controller give "),
         ("grasp --arg gain=2", "(--set margin_inversion.KEY=VALUE)"),
         ("limit --grip -1", "--grip must be finite and above 0, got -1 N"),
-        (
-            "grasp --controller mine:",
-            "controller 'mine:': expected module:Class, such as mine:Class",
-        ),
         ("grasp --controller :C", "controller ':C': expected module:Class, such as mine:Class"),
         ("grasp --controller mine.py:C", "controller 'mine.py:C': expected module:Class, such as "),
-        (
-            "grasp --controller chromagrip.control:Controler",
-            "module chromagrip.control has no Controler (did you mean Controller?)",
-        ),
+        ("grasp --controller chromagrip.control:Controler", "Controler (did you mean Controller?)"),
         ("grasp margin60hz", "no scene 'margin60hz' (did you mean margin-60hz?); there is "),
         ("grasp thesis --scene thesis", "a scene is given twice: thesis and --scene thesis"),
         ("grasp --controller a --controller b", "--controller is given 2 times; give it once; `sw"),
         ("grasp --set object.mass_g=3", "unknown key object.mass_g (did you mean pinch.mass_g?)"),
-        (
-            "grasp --set object.fricton=3",
-            "unknown key object.fricton (did you mean object.friction",
-        ),
         ("grasp --set object.friction=soft", "expected a number, got text, such as 0.5"),
         ("grasp --set load.forces_n=3", "expected a list, got a whole number, such as [0.2, 0.5]"),
-        ("grasp --controller nowhere:C", "there is no module nowhere in the working folder or "),
-        ("dataset dance", "dataset dance: there is make, check, "),
-        ("grasp --grip 3", "no option --grip (did you mean --gripper?)"),
         ("grasp --fps fast", "--fps 'fast': expected a number"),
         ("grasp --path mirror", "path 'mirror': allowed are camera, truth"),
         ("grasp --scene", "--scene: its value is missing"),
-        ("bench banana", "bench banana: there is control, force, loop, "),
         ("bench --quick", "bench --quick: there is control, force, loop, "),
         ("stability track --controller mine:C", "no option --controller; see "),
-        ("bench loop --world moon", "world 'moon': allowed are dome"),
         ("bench track --tracker fit(gain=2)", "expected module:Class(name=value), such as"),
-        (
-            "dataset make",
-            "missing: RECIPE|FILE.toml, --out DIR|URL; see `chromagrip dataset make --help`",
-        ),
+        ("dataset make", "missing: RECIPE|FILE.toml, --out DIR|URL; see `chromagrip dataset make "),
         ("grasp --latency 1.5", "--latency '1.5': expected a whole number"),
         ("grasp --arg gain --json", "--arg gain: expected name=value"),
         pytest.param(
@@ -239,10 +161,7 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
             marks=pytest.mark.slow,
         ),
         ("live pinch-lift", "the live page shows one finger; this scene is a pinch of two"),
-        (
-            "grasp --scene pinch-lift --source camera:0 --json",
-            "--source is for one finger; this scene is a pinch of two",
-        ),
+        ("grasp pinch-lift --source camera:0", "--source is for one finger; this scene is a pinch"),
     ],
 )
 def test_a_wrong_command_line_is_one_sentence(line: str, words: str, typed: Typed) -> None:
@@ -252,39 +171,6 @@ def test_a_wrong_command_line_is_one_sentence(line: str, words: str, typed: Type
     assert done.stderr.startswith("chromagrip: ")
     assert len(done.stderr.splitlines()) == 1
     assert done.stdout == ""
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("render --object ball --press-mm 200", "a press of 200 mm: expected less than 4."),
-        ("render --object ball --force 0 0 900", "and 900 N down: expected less than "),
-    ],
-)
-def test_a_press_that_is_too_deep_is_one_sentence(line: str, words: str, typed: Typed) -> None:
-    done = typed(*line.split())
-    assert (done.returncode, done.stdout) == (2, "")
-    # The depth is known once the object has been pressed: tables may be solved before, and say so.
-    assert words in done.stderr.splitlines()[-1]
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("score blobs data", "there is no blobs (did you mean blobs:Class?); wanted: "),
-        ("grasp --controller blobs", "no controller 'blobs' (did you mean blobs:Class?); there is"),
-        ("grasp --controller blobs.py", "no controller 'blobs.py' (did you mean blobs:Class?); "),
-        ("bench blobs", "bench blobs (did you mean blobs:function?): there is control, force, "),
-        ("list blobs", "list blobs: there is scenes, "),
-    ],
-)
-def test_a_module_of_the_working_folder_is_named_as_it_is_given(
-    line: str, words: str, typed: Typed, tmp_path: Path
-) -> None:
-    (tmp_path / "blobs.py").touch()
-    done = typed(*line.split())
-    assert (done.returncode, words in done.stderr) == (2, True), done.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["blobs.py"]
 
 
 PI = """from chromagrip.control import GripCommand
@@ -301,30 +187,30 @@ class PI:
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("--arg gian=2", "has no argument gian (did you mean gain?); it has gain, desired_margin"),
-        ("--arg desired_margin=1.5", "desired_margin = 1.5: expected 0 or more and below 1"),
-    ],
-)
-def test_an_argument_of_ones_own_controller_is_checked(
-    line: str, words: str, typed: Typed, tmp_path: Path
-) -> None:
-    (tmp_path / "own.py").write_text(PI, encoding="utf-8")
-    done = typed(*f"grasp camera-100hz --controller own:PI {line}".split())
-    assert (done.returncode, words in done.stderr) == (2, True), done.stderr
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
+        ("score blobs data", "there is no blobs (did you mean blobs:Class?); wanted: "),
+        ("grasp --controller blobs.py", "no controller 'blobs.py' (did you mean blobs:Class?); "),
+        ("bench blobs", "bench blobs (did you mean blobs:function?): there is control, force, "),
+        ("list blobs", "list blobs: there is scenes, "),
+        ("grasp --controller blobs:PI --arg gian=2", "gian (did you mean gain?); it has gain, des"),
+        ("grasp --controller blobs:PI --arg desired_margin=1.5", "1.5: expected 0 or more and bel"),
         ("grasp empty.toml", "scene file empty.toml has no keys: give at least one, such as dura"),
         ("dataset make empty.toml --out a", "recipe empty.toml has no keys: give at least one, su"),
         ("limit --sensor empty.toml", "empty.toml: the key description is missing"),
+        ("render --object ball --press-mm 200", "a press of 200 mm: expected less than 4."),
+        ("render --object ball --force 0 0 900", "and 900 N down: expected less than "),
     ],
 )
-def test_an_empty_file_is_refused(line: str, words: str, typed: Typed, tmp_path: Path) -> None:
+def test_what_is_known_once_a_file_or_a_press_has_been_looked_at_is_refused(
+    line: str, words: str, typed: Typed, tmp_path: Path
+) -> None:
+    """In the last line: tables may be solved before, and say so."""
+    (tmp_path / "blobs.py").write_text(PI, encoding="utf-8")
     (tmp_path / "empty.toml").touch()
     done = typed(*line.split())
-    assert (done.returncode, words in done.stderr) == (2, True), done.stderr
+    assert (done.returncode, done.stdout) == (2, "")
+    assert words in done.stderr.splitlines()[-1]
+    left = {path.name for path in tmp_path.iterdir()} - {"__pycache__"}
+    assert left == {"blobs.py", "empty.toml"}
 
 
 def test_what_a_checkout_measures_is_known() -> None:
@@ -332,7 +218,11 @@ def test_what_a_checkout_measures_is_known() -> None:
     assert sorted(studies("project")) == sorted(OF_CHECKOUT)
 
 
-@pytest.mark.parametrize("name", LISTS)
+@pytest.mark.parametrize(
+    "name",
+    ["scenes", "sensors", "palettes", "controllers", "renderers", "trackers", "reconstructors",
+     "recipes", "readouts"],
+)  # fmt: skip
 def test_lists_are_the_same_in_json(name: str, typed: Typed) -> None:
     lines = typed("list", name).stdout.splitlines()
     entries = json.loads(typed("list", name, "--json").stdout)
@@ -351,41 +241,3 @@ def test_a_screen_without_greek_letters_shows_something_else(
     screen.flush()
     assert b"smallest errors of ?Fn" in screen.buffer.getvalue()
     assert done.stderr == ""
-
-
-TELLING = """
-from pathlib import Path
-from chromagrip.control import GripCommand
-
-class Telling:
-    def reset(self): self.told = 0
-    def command(self, seen):
-        self.told += 1
-        if self.told == 3:  # one frame is kept by then
-            Path("begun").touch()
-        return GripCommand(force=1.0)
-"""
-
-
-@pytest.mark.slow
-def test_a_terminated_run_keeps_its_results_and_says_so(tmp_path: Path) -> None:
-    """Terminated once its controller has left a sign that the run has begun."""
-    (tmp_path / "telling.py").write_text(TELLING, encoding="utf-8")
-    words = ["grasp", "--path", "truth", "--set", "duration_s=600", "--out", "cut"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "chromagrip", *words, "--controller", "telling:Telling"],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=tmp_path,
-    )
-    deadline = time.monotonic() + 300.0
-    while not (tmp_path / "begun").exists():
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    process.send_signal(signal.SIGTERM)
-    _, stderr = process.communicate(timeout=300.0)
-    assert process.returncode == 143
-    assert "chromagrip: terminated" in stderr
-    assert json.loads((tmp_path / "cut" / "summary.json").read_text())["complete"] is False
