@@ -14,7 +14,8 @@ def digest(path: Path) -> str:
 
 def sealed(folder: Path) -> None:
     """Make the checksums of a dataset fit its files; what is damaged itself stays as it is."""
-    for path in (*folder.glob(f"sequence-*/{FILES}"), folder / MANIFEST):
+    lists = (*folder.glob(f"sequence-*/{FILES}"), folder / MANIFEST)
+    for path in filter(Path.is_file, lists):  # /dev/zero has no end
         with suppress(OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
             listed = json.loads(path.read_text("utf-8"))
             files = {path.parent / name: (listed["files"], name) for name in listed["files"]}
