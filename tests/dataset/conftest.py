@@ -1,7 +1,5 @@
 """What tests of datasets share."""
 
-import hashlib
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,9 +8,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from chromagrip.dataset.folder import FILES, MANIFEST
 from chromagrip.dataset.make import make
 from chromagrip.dataset.recipe import Recipe, load_recipe
+
+from .sealing import sealed
 
 
 @pytest.fixture(scope="session")
@@ -42,9 +41,6 @@ def seed_dome(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def respelled() -> Callable[..., None]:
     """Replaces a value of a table of the first sequence, and makes the checksums fit."""
 
-    def digest(path: Path) -> str:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-
     def change(folder: Path, table: str, column: str, frame: int, value: Any) -> None:
         path = folder / "sequence-000000" / f"{table}.parquet"
         found = pq.read_table(path)
@@ -52,11 +48,6 @@ def respelled() -> Callable[..., None]:
         values[frame] = value if table == "frames" else [value] * len(values[frame])
         changed = pa.array(values, found.schema.field(where).type)
         pq.write_table(found.set_column(where, column, changed), path)
-        listed = json.loads((path.parent / FILES).read_text("utf-8"))
-        listed["files"][path.name] = digest(path)
-        (path.parent / FILES).write_text(json.dumps(listed), "utf-8")
-        manifest = json.loads((folder / MANIFEST).read_text("utf-8"))
-        manifest["sequences"][path.parent.name] = digest(path.parent / FILES)
-        (folder / MANIFEST).write_text(json.dumps(manifest), "utf-8")
+        sealed(folder)
 
     return change

@@ -1,6 +1,5 @@
 """What a stranger's dataset or address may try, and what --resume finds damaged."""
 
-import hashlib
 import importlib
 import json
 import os
@@ -10,7 +9,6 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from subprocess import CompletedProcess
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -27,13 +25,11 @@ from chromagrip.dataset.recipe import load_recipe
 from chromagrip.measure.score.points import read_points
 from chromagrip.strange_files import read_arrays
 
+from .sealing import digest, sealed
+
 NAME = "sequence-000000"
 made_by = importlib.import_module("chromagrip.dataset.make")
 Typed = Callable[..., CompletedProcess[str]]
-
-
-def digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def given(folder: Path, address: str) -> None:
@@ -109,7 +105,7 @@ def test_links_that_leave_are_followed_on_request_alone(
     ("file", "text"),
     [
         ("recipe.toml", 'sensor = "../../secret.toml"'),
-        ("recipe.toml", 'sensor = "/secret.toml"'),
+        ("recipe.toml", "\n[[cases]]\nname = 'x'\nscene.sensor = '/secret.toml'"),
         (f"{NAME}/scene.toml", 'sensor = "../../secret.toml"'),
         ("sensors/mine/mine.toml", '[camera]\ncalibration = "../../../secret.yml"'),
         ("sensors/mine/mine.toml", '[layout]\npath = "/etc/hostname"'),
@@ -120,25 +116,13 @@ def test_files_outside_are_not_named(seed_dome: Path, tmp_path: Path, file: str,
     data = shutil.copytree(seed_dome, tmp_path / "data")
     path = data / file
     path.parent.mkdir(parents=True, exist_ok=True)
-    if file == "recipe.toml":
-        path.write_text(path.read_text("utf-8").replace('sensor = "thesis"', text), "utf-8")
-        if text not in path.read_text("utf-8"):
-            path.write_text(f"{path.read_text('utf-8')}\n[[cases]]\nname = 'x'\nscene.{text}\n")
-    elif file.endswith("scene.toml"):
-        lines = [
-            text if line.startswith("sensor =") else line
-            for line in path.read_text("utf-8").splitlines()
-        ]
-        path.write_text("\n".join(lines), "utf-8")
-        listed = json.loads((data / NAME / FILES).read_text("utf-8"))
-        listed["files"]["scene.toml"] = digest(path)
-        (data / NAME / FILES).write_text(json.dumps(listed), "utf-8")
-    else:
-        path.write_text(text, "utf-8")
+    before = path.read_text("utf-8") if path.is_file() else ""
+    after = re.sub('^sensor = ".*"', text, before, flags=re.M)
+    path.write_text(after if text.startswith("sensor") else before + text, "utf-8")
     manifest = json.loads((data / MANIFEST).read_text("utf-8"))
-    manifest["files"] |= {file: digest(path)} if "scene" not in file else {}
-    manifest["sequences"][NAME] = digest(data / NAME / FILES)
+    manifest["files"] |= {} if file.startswith(NAME) else {file: ""}
     (data / MANIFEST).write_text(json.dumps(manifest), "utf-8")
+    sealed(data)
     for use in (lambda: merge([data], tmp_path / "out"), lambda: check(data)):
         with pytest.raises(UserError, match="which is outside of the dataset"):
             use()
@@ -162,25 +146,19 @@ def flipped(path: Path) -> None:
     path.write_bytes(data)
 
 
-def relisted(key: str, value: Any) -> Callable[[Path], object]:
-    def change(path: Path) -> None:
-        listed = json.loads(path.read_text("utf-8"))
-        path.write_text(json.dumps(listed | {key: value}), "utf-8")
-
-    return change
+def replaced(old: str, new: str) -> Callable[[Path], object]:
+    return lambda path: path.write_text(path.read_text("utf-8").replace(old, new), "utf-8")
 
 
 DAMAGES: list[tuple[str, Callable[[Path], object]]] = [
     ("frame-003.png", flipped),
-    ("frame-003.png", lambda path: path.unlink()),
-    ("markers.parquet", lambda path: path.write_bytes(b"")),
-    ("frames.parquet", lambda path: path.write_bytes(path.read_bytes()[:200])),
+    ("markers.parquet", lambda path: path.unlink()),
     ("scene.toml", lambda path: (path.unlink(), path.mkdir())),
     ("new.txt", lambda path: path.write_text("x")),
     (FILES, lambda path: path.write_bytes(b"")),
-    (FILES, relisted("values", {"grip_n": 1.0})),
-    (FILES, relisted("number", 0)),
-    (FILES, relisted("versions", {"numpy": "0"})),
+    (FILES, replaced('"grip_n":', '"grip":')),
+    (FILES, replaced('"number": 1', '"number": 0')),
+    (FILES, replaced('"numpy":', '"other":')),
     ("", lambda path: (shutil.rmtree(path), path.write_text("x"))),
 ]
 
@@ -226,19 +204,6 @@ def test_resume_makes_again_what_is_damaged(
         shutil.rmtree(folder)
 
 
-@pytest.mark.usefixtures("remade")
-def test_resume_says_how_many_are_made_again(
-    made: Path, tmp_path: Path, typed: Typed, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    frozen = importlib.import_module("chromagrip.dataset.frozen")
-    monkeypatch.setattr(frozen, "seal", lambda folder: {})
-    folder = shutil.copytree(made, tmp_path / "data")
-    flipped(folder / "sequence-000001" / "frame-003.png")
-    words = ("dataset", "make", "tiny", "--n", 2, "--workers", 1, "--out", folder, "--json")
-    done = typed(*words, "--resume")
-    assert json.loads(done.stdout)["damaged_and_made_again"] == 1
-
-
 def test_a_failed_merge_leaves_nothing(
     seed_dome: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -280,27 +245,27 @@ def test_what_is_called_whole_was_synced_before(
 
 @pytest.mark.usefixtures("remade")
 def test_an_address_with_a_damaged_sequence_is_mended(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    made: Path, tmp_path: Path, typed: Typed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """The command tells how many were made again."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr("chromagrip.dataset.frozen.seal", lambda folder: {})
     data = shutil.copytree(made, tmp_path / "data")
     flipped(data / "sequence-000001" / "frame-003.png")
     address = f"memory://{tmp_path.name}"
     given(data, address)
-    again: list[str] = []
-    make(TINY, address, resume=True, damaged=again.extend)
-    assert again == ["sequence-000001"]
+    words = ("dataset", "make", "tiny", "--n", 2, "--workers", 1, "--out", address, "--json")
+    assert json.loads(typed(*words, "--resume").stdout)["damaged_and_made_again"] == 1
     shutil.rmtree(tmp_path / "cache")
     assert check(address) == 2
 
 
-@pytest.mark.parametrize("number", ["3e8", "1e11", "1e300", "100000000", "99999999"])
+@pytest.mark.parametrize("number", ["1e300", "100000000", "99999999"])
 def test_a_huge_frame_number_is_a_sentence(tmp_path: Path, number: str) -> None:
     (tmp_path / "t.csv").write_text(f"frame,marker,x,y\n0,0,1,1\n{number},0,1,1\n")
-    kind = pa.float64() if "e" in number else pa.int64()
-    frames = pa.array([0, float(number) if "e" in number else int(number)], kind)
+    kind = float if "e" in number else int
     columns = {"marker": [0, 0], "x": [1.0, 1.0], "y": [1.0, 1.0]}
-    pq.write_table(pa.table({"frame": frames, **columns}), tmp_path / "t.parquet")
+    pq.write_table(pa.table({"frame": [kind(0), kind(number)], **columns}), tmp_path / "t.parquet")
     for name in ("t.csv", "t.parquet"):
         with pytest.raises(UserError, match=r"no whole number below 100000000|give --max-rows"):
             read_points(tmp_path / name)
@@ -308,12 +273,9 @@ def test_a_huge_frame_number_is_a_sentence(tmp_path: Path, number: str) -> None:
 
 def test_a_long_table_is_refused_by_its_metadata(tmp_path: Path) -> None:
     """A hundred million rows of zeros take a few kilobytes."""
-    column = pa.array(np.zeros(1_000_000))
-    kind = pa.schema([(name, pa.float64()) for name in ("frame", "marker", "x", "y")])
-    batch = pa.record_batch([column] * 4, kind)
-    with pq.ParquetWriter(tmp_path / "t.parquet", kind) as writer:
-        for _ in range(3):
-            writer.write_batch(batch)
+    zeros = pa.array(np.zeros(3_000_000))
+    table = pa.table(dict.fromkeys(("frame", "marker", "x", "y"), zeros))
+    pq.write_table(table, tmp_path / "t.parquet")
     with pytest.raises(UserError, match="3000000 rows, more than 2000000; give --max-rows"):
         read_points(tmp_path / "t.parquet", most=2_000_000)
 
@@ -353,12 +315,7 @@ def test_score_does_not_blame_a_tracker_for_a_broken_truth(
     done = typed("score", tracker, truth, "--json")
     assert done.returncode == 2
     assert f"{name} has changed" in done.stderr
-    listed = json.loads((truth / FILES).read_text("utf-8"))
-    listed["files"][name] = digest(truth / name)
-    (truth / FILES).write_text(json.dumps(listed), "utf-8")
-    manifest = json.loads((data / MANIFEST).read_text("utf-8"))
-    manifest["sequences"]["sequence-000001"] = digest(truth / FILES)
-    (data / MANIFEST).write_text(json.dumps(manifest), "utf-8")
+    sealed(data)
     done = typed("score", tracker, truth, "--json")
     assert done.returncode == 2
     assert f"{name} cannot be read" in done.stderr

@@ -26,6 +26,8 @@ def test_what_was_written_is_read_to_the_last_digit(tmp_path: Path) -> None:
     write_cells(CELLS, tmp_path / "cells.csv")
     assert list(read_cells(tmp_path / "cells.csv", Cell)) == CELLS
     assert not list(read_cells(tmp_path / "none.csv", Cell))
+    with pytest.raises(UserError, match="cannot be read"):
+        list(read_cells(tmp_path, Cell))
 
 
 @pytest.mark.parametrize("damage", ["", "x", "0.1,", "\0", "\n\n,,,,", "\xe9", '"'])
