@@ -66,7 +66,7 @@ __all__ = [
 ]
 
 _guard()
-if "gymnasium" in sys.modules:
+if hasattr(sys.modules.get("gymnasium"), "make"):
     import_module(".gym", __name__)  # which registers its environments
 
 

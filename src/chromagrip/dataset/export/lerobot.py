@@ -66,9 +66,8 @@ def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, in
     data, video = out / f"data/{_FILE}.parquet", out / f"videos/{CAMERA}/{_FILE}.mp4"
     for path in (data, video):
         path.parent.mkdir(parents=True)
-    episodes: list[dict[str, Any]] = []
+    episodes, tasks = list[dict[str, Any]](), list[str]()
     stats: list[dict[str, Arrays]] = []
-    tasks: list[str] = []
     sizes: tuple[str, ...] = ()
     start = rate = 0
     quality, keyframes = 12, {"g": "2"}  # rate factor of x264; keyframes as in LeRobot's own videos
