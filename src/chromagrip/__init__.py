@@ -63,7 +63,7 @@ __all__ = [
 ]
 
 _guard()
-if "gymnasium" in sys.modules:
+if sys.modules.get("gymnasium") is not None:
     import_module(".gym", __name__)  # which registers its environments
 
 
