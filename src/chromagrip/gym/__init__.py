@@ -1,11 +1,12 @@
 """Gymnasium environments around the grip loop, and tactile observations for other environments.
 
-Importing this module registers the environments; `import chromagrip` does so after
-`import gymnasium`. With the name of this module in front, `make` registers them in any order:
+Importing this module registers the environments, as does `import chromagrip` after
+`import gymnasium`:
 
+    import chromagrip.gym
     import gymnasium
 
-    env = gymnasium.make("chromagrip.gym:chromagrip/Pinch-v0", observation="forces")
+    env = gymnasium.make("chromagrip/Pinch-v0", observation="forces")
 
 `TactileObservation` and `VectorTactileObservation` add a sensor to an environment that knows
 nothing of it.
