@@ -221,11 +221,8 @@ def bodies() -> None:
 
 
 def force() -> None:
-    """The report of reconstructors, and their chart."""
+    """The report of reconstructors."""
     table("force")
-    draw_chart("force")
-    target = IMAGES / "chart-force-dome.png"
-    keep("chart force --world dome", {"force-dome.png": target})
 
 
 def tolerances() -> None:
