@@ -135,11 +135,6 @@ def is_sequence(name: str) -> bool:
     return _SEQUENCE.fullmatch(name) is not None
 
 
-def is_shared(name: str) -> bool:
-    """Return True for a name that a dataset's own file, outside of sequences, can have."""
-    return _OF_DATASET.fullmatch(name) is not None and ".." not in name.split("/")
-
-
 def read_manifest(folder: Path) -> Manifest:
     """Read the manifest of a dataset.
 

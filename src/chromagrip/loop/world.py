@@ -17,7 +17,6 @@ from ..scene.scene import Scene
 from ..sensing.contact import Contact, chain_contact, follow_chain, of_chain
 
 Array = NDArray[np.float64]
-Now = TypeVar("Now")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -106,11 +106,11 @@ class SimulatedCamera:
         before: displacements `carried` of the frame before, from which the skin moves evenly while
             the shutter is open (default: those of the last picture)
         """
-        clean = self.clean(state, index, before)
+        clean = self._clean(state, index, before)
         shared = self._still is not None and clean is self._still[1]
         return self._finish(clean, state.time, index, shared)
 
-    def clean(self, state: State | DomeState, index: int, before: Array | None = None) -> Image:
+    def _clean(self, state: State | DomeState, index: int, before: Array | None = None) -> Image:
         """Take the same picture before `add_noise`, shape (H, W, 3); do not change it."""
         displacement = state.carried
         if before is None:
