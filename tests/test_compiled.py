@@ -69,7 +69,7 @@ def test_a_folder_that_is_chosen_is_used(run: Run, tmp_path: Path) -> None:
     assert kept(tmp_path / "chosen/chromagrip/kernels") == 2
 
 
-@pytest.mark.slow
+@pytest.mark.environments
 def test_a_chosen_folder_that_cannot_be_written_is_said(run: Run, tmp_path: Path) -> None:
     lost = tmp_path / "code/kernel.py"  # a file, which nobody can write into as a folder
     for _ in range(2):
@@ -78,7 +78,7 @@ def test_a_chosen_folder_that_cannot_be_written_is_said(run: Run, tmp_path: Path
         assert "compiled at each start" in sentence
 
 
-@pytest.mark.slow
+@pytest.mark.environments
 def test_a_package_that_cannot_be_written_is_said(run: Run, tmp_path: Path) -> None:
     (tmp_path / "code/__pycache__").write_text("no folder")
     (sentence,) = run().stderr.splitlines()
@@ -87,7 +87,7 @@ def test_a_package_that_cannot_be_written_is_said(run: Run, tmp_path: Path) -> N
     assert kept(tmp_path / "user") == 2
 
 
-@pytest.mark.slow
+@pytest.mark.environments
 def test_nothing_that_can_be_written_is_said(run: Run, tmp_path: Path) -> None:
     (tmp_path / "code/__pycache__").write_text("no folder")
     for _ in range(2):
@@ -96,7 +96,7 @@ def test_nothing_that_can_be_written_is_said(run: Run, tmp_path: Path) -> None:
         assert "set NUMBA_CACHE_DIR to a folder that can be written" in sentence
 
 
-@pytest.mark.slow
+@pytest.mark.environments
 def test_a_process_is_cold_that_finds_no_kernel(run: Run, tmp_path: Path) -> None:
     kernel = tmp_path / "code/kernel.py"
     kernel.write_text(kernel.read_text() + "import sys\nprint(compiled.cold(), file=sys.stderr)\n")
@@ -104,7 +104,7 @@ def test_a_process_is_cold_that_finds_no_kernel(run: Run, tmp_path: Path) -> Non
     assert run().stderr == "False\n"
 
 
-@pytest.mark.slow
+@pytest.mark.environments
 def test_what_nobody_used_for_a_week_is_removed(run: Run, tmp_path: Path) -> None:
     run()
     home, now, day = tmp_path / "code/__pycache__/kernels", time.time(), 86400.0
@@ -278,7 +278,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Package:
 
 
 #: Further ways in which a kernel reaches a value.
-S = pytest.mark.slow
+S = pytest.mark.environments
 
 
 @pytest.mark.parametrize(
@@ -314,7 +314,7 @@ def test_a_change_compiles_what_reaches_it(
     assert package.run(old, new) == (RESULTS | changed, sorted(changed))
 
 
-@pytest.mark.slow
+@pytest.mark.environments
 @pytest.mark.parametrize(
     ("old", "new"),
     [

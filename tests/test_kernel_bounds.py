@@ -56,7 +56,7 @@ print("every index was in bounds")
 """
 
 
-@pytest.mark.slow
+@pytest.mark.environments
 def test_no_index_of_a_kernel_is_out_of_bounds(tmp_path: Path) -> None:
     environment = os.environ | {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run(

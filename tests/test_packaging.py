@@ -110,7 +110,7 @@ def test_a_wheel_is_whole_from_a_clone_without_links(unlinked: Path, tmp_path: P
     assert held(build(unlinked, tmp_path / "one")) == held(build(linked, tmp_path / "two"))
 
 
-@pytest.mark.slow
+@pytest.mark.environments
 def test_a_wheel_from_the_source_distribution_is_the_same(wheel: Path, tmp_path: Path) -> None:
     with tarfile.open(build(ROOT, tmp_path, "sdist")) as packed:
         packed.extractall(tmp_path, filter="data")
@@ -255,7 +255,7 @@ def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
 
 
 @pytest.mark.parametrize(
-    "path", [pytest.param("truth", marks=[pytest.mark.slow, pytest.mark.environments]), "camera"]
+    "path", [pytest.param("truth", marks=[pytest.mark.environments]), "camera"]
 )
 def test_a_grasp_in_memory_needs_no_extra(path: str, bare: Bare, tmp_path: Path) -> None:
     words = quick_grasp(path)
@@ -303,7 +303,6 @@ def test_extras_that_are_there_are_imported(monkeypatch: pytest.MonkeyPatch) -> 
 # Slow
 
 
-@pytest.mark.slow
 @pytest.mark.environments
 def test_a_wheel_alone_grasps_with_the_base_only(wheel: Path, tmp_path: Path) -> None:
     """In a new environment, with the versions of the lock; needs pip and its index."""

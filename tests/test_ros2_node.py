@@ -130,7 +130,7 @@ def play(
     return stub.published
 
 
-@pytest.mark.slow
+@pytest.mark.environments
 @pytest.mark.parametrize("encoding", ["rgb8", "bgr8"])
 def test_the_node_publishes_what_a_reader_gives(
     encoding: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -19,7 +19,6 @@ TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
 STAGES = ("", "model", "render", "tracking", "control")
 
 pytestmark = [
-    pytest.mark.slow,
     pytest.mark.environments,
 ]  # notebooks take minutes, the site fetches its packages
 

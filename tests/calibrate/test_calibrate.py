@@ -170,7 +170,7 @@ def furthest(
     return float(np.linalg.norm(found.project(rays) - true.project(rays), axis=-1).max())
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 def test_a_fisheye_is_found_again(
     fisheye_images: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -210,7 +210,7 @@ def test_a_pinhole_is_found_again(
     assert furthest(found, PINHOLE, np.pi) < 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 def test_standard_deviations_tell_the_scatter(fisheye_images: Path) -> None:
     """Halves of the images disagree by about what each half says of itself."""
     files = image_files([fisheye_images])

@@ -312,7 +312,7 @@ def test_the_command_readout_tells_what_was_trained(
     assert "sensor fovea has no trained read-out" in typed("list", "readouts", "fovea").stderr
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 def test_a_small_training_is_kept_used_and_named(
     typed: Typed, no_kept: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -249,7 +249,7 @@ def listed(calibrated: Calibrated) -> list[str]:
     return (calibrated.presses / "presses.csv").read_text(encoding="utf-8").splitlines()
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 @pytest.mark.parametrize(("column", "value"), [(1, "11"), (1, "40"), (4, "2")])
 def test_presses_that_no_silicone_explains_are_refused(
     calibrated: Calibrated, tmp_path: Path, column: int, value: str
@@ -288,7 +288,7 @@ def test_a_marker_that_is_off_alike_in_all_presses_is_no_fault_of_theirs() -> No
         _without_outliers(seen, data)
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 def test_both_soft_layers_are_found(tmp_path: Path) -> None:
     design = load_sensor("chromatouch-next")
     assert design.silicone is not None
@@ -309,7 +309,7 @@ def test_both_soft_layers_are_found(tmp_path: Path) -> None:
     assert found.poisson == pytest.approx(inner.poisson, abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 def test_what_light_presses_leave_open_stays_as_designed(
     calibrated: Calibrated, tmp_path: Path
 ) -> None:

@@ -27,7 +27,7 @@ def sparse() -> SensorDesign:
     return changed(design, layout=changed(design.layout, count=100, meridian_pitch_mm=1.5))
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 def test_an_interrupted_training_goes_on_and_comes_to_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

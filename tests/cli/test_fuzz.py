@@ -84,7 +84,6 @@ def test_odd_command_lines(typed: Typed, tmp_path: Path) -> None:
     fuzz_lines(range(60), typed, tmp_path)
 
 
-@pytest.mark.slow
 @pytest.mark.fuzz
 @pytest.mark.parametrize("first", range(60, 660, 60))
 def test_more_odd_command_lines(first: int, typed: Typed, tmp_path: Path) -> None:
@@ -127,7 +126,6 @@ def test_odd_scenes(typed: Typed, tmp_path: Path) -> None:
     fuzz_scenes(range(40), typed, tmp_path)
 
 
-@pytest.mark.slow
 @pytest.mark.fuzz
 @pytest.mark.parametrize("first", range(40, 340, 60))
 def test_more_odd_scenes(first: int, typed: Typed, tmp_path: Path) -> None:
@@ -156,7 +154,6 @@ def test_odd_pictures(typed: Typed, tmp_path: Path) -> None:
     fuzz_pictures(range(8), typed, tmp_path)
 
 
-@pytest.mark.slow
 @pytest.mark.fuzz
 @pytest.mark.parametrize("first", range(8, 128, 20))
 def test_more_odd_pictures(first: int, typed: Typed, tmp_path: Path) -> None:

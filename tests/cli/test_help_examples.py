@@ -36,7 +36,7 @@ CAMERA = FisheyeCamera(
 #: Side of a square of the board [m].
 SQUARE = 3e-3
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.loops
 
 
 @pytest.fixture(scope="module")

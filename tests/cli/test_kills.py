@@ -19,7 +19,6 @@ from chromagrip.errors import UserError
 from chromagrip.loop.results.run_folder import read_run
 
 pytestmark = [
-    pytest.mark.slow,
     pytest.mark.fuzz,
     pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL"),
 ]

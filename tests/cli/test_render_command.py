@@ -23,7 +23,7 @@ def _poses(folder: Path) -> dict[str, Any]:
     return dict(json.loads((folder / "poses.json").read_text(encoding="utf-8")))
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_a_folder_is_repeated_by_the_command_that_it_names(
     tmp_path: Path, typed: Typed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -56,7 +56,7 @@ def test_a_pure_press_has_no_friction_of_the_solver(tmp_path: Path, typed: Typed
     assert (entry["margin"], entry["limit_margin"]) == (1.0, 1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_a_press_beyond_what_was_compared_is_said(tmp_path: Path, typed: Typed) -> None:
     hard = (*COARSE, "--object", "ball", "--set", "object.stiffness_kpa=20000")
     done = typed("render", *hard, "--press-mm", "0.4", "--out", tmp_path / "shallow")

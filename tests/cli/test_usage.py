@@ -158,7 +158,7 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         pytest.param(
             "limit --grip 300",
             "markers do not determine forces at this grip and load",
-            marks=pytest.mark.slow,
+            marks=pytest.mark.loops,
         ),
         ("live pinch-lift", "the live page shows one finger; this scene is a pinch of two"),
         ("grasp pinch-lift --source camera:0", "--source is for one finger; this scene is a pinch"),

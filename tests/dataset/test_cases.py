@@ -113,7 +113,7 @@ def test_compression_of_a_case_is_in_its_pictures_alone(made: Path) -> None:
     assert steps[1] > 1.15
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_shards_of_cases_are_merged_and_read_back(
     made: Path, tmp_path: Path, bytes_of: Digests
 ) -> None:

@@ -71,7 +71,6 @@ def test_a_few_damages_are_each_a_sentence(typed: Typed, tmp_path: Path, seed_do
         through(typed, tmp_path / "work", seed_dome, random.Random(f"few {k}"))
 
 
-@pytest.mark.slow
 @pytest.mark.fuzz
 @pytest.mark.parametrize("name", ["seed_dome", "tiny"])
 @pytest.mark.parametrize("part", range(2))

@@ -93,7 +93,7 @@ def test_what_a_killed_run_left_half_written_is_removed(
     assert bytes_of(folder) == bytes_of(tiny)
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_sigterm_ends_the_workers_too(tmp_path: Path) -> None:
     out = tmp_path / "ended"
     words = [sys.executable, "-P", "-m", "chromagrip", "dataset", "make", "tiny", "--n", "200"]
@@ -115,7 +115,7 @@ def test_sigterm_ends_the_workers_too(tmp_path: Path) -> None:
     assert not (out / MANIFEST).exists()
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_a_dask_worker_that_is_killed_loses_nothing(
     tiny: Path, tmp_path: Path, bytes_of: Digests
 ) -> None:
@@ -368,7 +368,7 @@ def test_every_shipped_recipe_gives_scenes() -> None:
             assert scene.path == "truth"
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_what_is_asked_for_beside_is_kept(tmp_path: Path) -> None:
     """Optical flow where a marker rests is the motion of its label."""
     recipe = replace(TINY, sequences=1, truth=("flow", "depth", "masks"))

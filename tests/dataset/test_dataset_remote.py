@@ -99,7 +99,6 @@ def test_an_interrupted_run_goes_on_where_it_was_begun(bucket: str, tmp_path: Pa
     assert check(bucket) == 3
 
 
-@pytest.mark.slow
 @pytest.mark.environments
 def test_shards_of_two_addresses_are_merged(bucket: str, tmp_path: Path) -> None:
     make(TINY, tmp_path / "here")
@@ -117,7 +116,7 @@ def test_an_address_that_does_not_answer_is_said(tmp_path: Path) -> None:
     assert not np.any([path.name == "x" for path in tmp_path.iterdir()])
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_many_readers_at_once_get_the_whole_dataset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

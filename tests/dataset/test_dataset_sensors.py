@@ -66,7 +66,7 @@ def test_it_is_read_where_nothing_else_is(made: Path) -> None:
     assert not [one for one in text if str(made.parent) in one]
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_bytes_rest_on_no_place(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bytes_of: Digests
 ) -> None:

@@ -120,7 +120,7 @@ def _meshes(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_meshes_come_along_and_are_split_by_object(tmp_path: Path) -> None:
     recipe = load_recipe("objects", _meshes(tmp_path / "parts"))
     recipe = replace(recipe, sequences=2, scene={**recipe.scene, **SCENE, "sensor": "thesis"})

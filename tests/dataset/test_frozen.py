@@ -80,7 +80,7 @@ def test_every_design_that_a_body_can_be_made_of_is_there_in_every_case() -> Non
     assert bodies_of(BENCHMARK) == ["chain", "dome"]
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_the_commands_tell_the_digest_and_a_tracker_is_scored(tmp_path: Path, typed: Typed) -> None:
     two = tmp_path / "two"
     words = ["dataset", "make", "benchmark-v2", "--n", "2", "--out", two, "--json"]
@@ -98,7 +98,7 @@ def test_the_commands_tell_the_digest_and_a_tracker_is_scored(tmp_path: Path, ty
     assert typed("score", "nobody", two, "--json").returncode == 2
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_the_whole_benchmark_is_as_it_was_frozen(tmp_path: Path) -> None:
     make(BENCHMARK, tmp_path / "whole", workers=os.cpu_count() or 1)
     assert check(tmp_path / "whole") == BENCHMARK.sequences

@@ -310,7 +310,7 @@ LAWS: dict[str, tuple[Any, ...]] = {
 
 @pytest.mark.parametrize(
     "kind",
-    [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS],
+    [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.data) for kind in KINDS],
 )
 def test_labels_obey_their_laws(kind: str) -> None:
     for law in LAWS[labels(kind).scene.body]:

@@ -100,7 +100,7 @@ def test_a_sensor_that_nothing_reads_says_why(tmp_path: Path) -> None:
     assert not frames[f"{READ}mu_observable"].any()
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_a_reading_changes_no_label_and_no_picture(tmp_path: Path) -> None:
     tiny = replace(load_recipe("tiny"), sequences=1)
     make(tiny, tmp_path / "plain")

@@ -51,7 +51,7 @@ def same(one: list[Step], other: list[Step]) -> bool:
 
 @pytest.mark.parametrize(
     "observation",
-    ["image", pytest.param("markers", marks=pytest.mark.slow), "forces", "margin"],
+    ["image", pytest.param("markers", marks=pytest.mark.loops), "forces", "margin"],
 )
 def test_gymnasium_finds_nothing_wrong(
     observation: str, capsys: pytest.CaptureFixture[str]
@@ -133,7 +133,7 @@ def test_a_restored_environment_goes_on_with_the_same_bytes(observation: str) ->
         pytest.param(
             "chromagrip/Pinch-v0",
             NOISY | {"dome.pitch_mm": 0.8, "duration_s": 0.2},
-            marks=pytest.mark.slow,
+            marks=pytest.mark.loops,
         ),
     ],
 )

@@ -50,10 +50,10 @@ def to_the_end(env: GripEnv, force: float) -> list[Step]:
 @pytest.mark.parametrize(
     "observation",
     [
-        pytest.param("forces", marks=pytest.mark.slow),  # also in test_environment.py
+        pytest.param("forces", marks=pytest.mark.loops),  # also in test_environment.py
         "margin",
         "image",
-        pytest.param("markers", marks=pytest.mark.slow),
+        pytest.param("markers", marks=pytest.mark.loops),
     ],
 )
 def test_gymnasium_finds_nothing_wrong(observation: str) -> None:
@@ -105,7 +105,7 @@ def test_each_finger_shows_its_own_picture() -> None:
     env.close()
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_the_markers_of_both_skins_move_where_they_are_pressed() -> None:
     env = made({"camera.latency_frames": 0}, observation="markers")
     still, _ = env.reset(seed=0)

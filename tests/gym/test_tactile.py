@@ -172,7 +172,7 @@ def test_an_environment_is_pickled_and_goes_on_with_the_same_bytes(observation: 
     assert env.reset()[0].tobytes() == other.reset()[0].tobytes()
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 @pytest.mark.parametrize("scene", scene_names())
 @pytest.mark.parametrize("action", ["force", "rate"])
 def test_gymnasium_finds_nothing_wrong_with_any_scene(scene: str, action: Any) -> None:

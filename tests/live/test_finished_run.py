@@ -59,7 +59,7 @@ def test_a_run_is_repeated_and_agrees(viser_server: Any, dome_run: Path, until: 
         assert page.board.strips._rows[-1]["margin_estimated"] == of["margin_estimated"][-1]
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_time_goes_where_it_is_put(viser_server: Any, dome_run: Path, until: Until) -> None:
     with shown(viser_server, dome_run) as page:
         played(page, until)
@@ -81,7 +81,7 @@ def test_time_goes_where_it_is_put(viser_server: Any, dome_run: Path, until: Unt
         assert page._now == stands
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_what_differs_from_the_record_is_said(
     viser_server: Any, dome_run: Path, tmp_path: Path, until: Until
 ) -> None:
@@ -96,7 +96,7 @@ def test_what_differs_from_the_record_is_said(
     assert "it differs from the record**, the true Γ by up to 0.01" in said
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_of_a_long_run_every_second_frame_is_kept(
     viser_server: Any, dome_run: Path, until: Until, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -107,7 +107,7 @@ def test_of_a_long_run_every_second_frame_is_kept(
     assert times == pytest.approx(np.arange(8) * 0.04)
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_frames_from_outside_have_curves_alone(
     viser_server: Any, dome_run: Path, tmp_path: Path, until: Until
 ) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import trimesh
 
-pytestmark = [pytest.mark.slow, pytest.mark.browser]
+pytestmark = [pytest.mark.browser]
 TOKEN = "abcdefgh-ijklmnop_1234"
 #: Few frames: a browser that draws on the processor would have no time for anything else.
 SCENE = ("dome-1", "--set", "path=truth", "--set", "camera.rate_hz=10")

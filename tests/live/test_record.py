@@ -102,7 +102,7 @@ def test_where_no_folder_can_be_the_grasp_goes_on(tmp_path: Path, until: Until) 
     assert not grasp.recorder.wanted
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_another_grasp_ends_the_recording(tmp_path: Path, until: Until) -> None:
     grasp = Grasp(load_scene("camera-100hz", {"path": "truth"}), tmp_path)
     grasp.recorder.wanted = True

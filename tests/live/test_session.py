@@ -65,7 +65,7 @@ def test_more_grip_presses_more(name: str) -> None:
     assert strong == pytest.approx(3.0, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_load_twist_and_azimuth_of_a_dome() -> None:
     with live(load_scene("dome-1", DOME)) as (session, watched):
         until(watched, 2)

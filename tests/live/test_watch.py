@@ -50,7 +50,7 @@ def watching(asked: Looking) -> Iterator[tuple[Watcher, Watched]]:
         watcher.check()
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_a_folder_is_estimated_as_by_the_command(taken: Path, tmp_path: Path, until: Until) -> None:
     with watching(looking(taken)) as (_, watched):
         until(lambda: watched.told)
@@ -65,7 +65,7 @@ def test_a_folder_is_estimated_as_by_the_command(taken: Path, tmp_path: Path, un
     assert last.margin == pytest.approx(wanted["margin"]["last"], rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_a_video_is_shown_again(taken: Path, tmp_path: Path, until: Until) -> None:
     from chromagrip.sources import open_source
 
@@ -83,7 +83,7 @@ def test_a_video_is_shown_again(taken: Path, tmp_path: Path, until: Until) -> No
     assert watched.shown[17].reading.frame.time == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_a_pause_stands_and_a_step_is_one_frame(taken: Path, until: Until) -> None:
     with watching(looking(taken)) as (watcher, watched):
         watcher.paused = True

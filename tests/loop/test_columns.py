@@ -48,7 +48,7 @@ def pinch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_a_pinch_has_deviations_and_the_interval_of_the_margin_with_torsion(pinch: Path) -> None:
     table = pq.read_table(pinch / "trace.parquet")
     assert set(LATER) <= set(table.column_names)
@@ -66,7 +66,7 @@ def test_a_pinch_has_deviations_and_the_interval_of_the_margin_with_torsion(pinc
         assert ((low <= margin) & (margin <= high))[held].all()
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_the_report_of_a_pinch_shades_what_its_trace_knows(pinch: Path) -> None:
     read = read_run(pinch)
     panels = {panel.title: panel for panel in run_on_page(read, "run").panels}

@@ -47,7 +47,7 @@ def fits_of_colours(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return fits
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_markers_that_are_seen_at_rest_and_no_others_are_seen_in_a_light_touch(
     pictures: tuple[MarkerTracker, list[Frame]], fits_of_colours: list[Any]
 ) -> None:

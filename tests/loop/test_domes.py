@@ -51,7 +51,7 @@ def held_by_one_answer(margins: np.ndarray, width: float) -> float:
 # hold any value, so that an answer that is always the same passed.
 # Of histories that the training has not seen, nine in ten lie within their interval of Γ, but only
 # three in four where it is narrow, as it is of these plain grasps.
-@pytest.mark.slow
+@pytest.mark.loops
 @pytest.mark.parametrize("name", ["dome-2020", "dome-2022"])
 def test_intervals_of_a_built_dome_hold_the_truth_and_tell_grasps_apart(
     name: str, tmp_path: Path

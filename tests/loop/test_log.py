@@ -132,7 +132,7 @@ def same_numbers(
             np.testing.assert_array_equal(read.of(place + end, "data"), of[before + column][there])
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_numbers_are_those_of_the_trace(chain: Path) -> None:
     read, of = Read(chain / "run.mcap"), columns(chain)
     assert np.isnan(of["margin_estimated"][1:]).any()  # frames were dropped
@@ -235,7 +235,7 @@ def test_raw_pictures_lose_nothing(pinch: Path) -> None:
     assert first.shape == (720, 1280, 3)
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_pictures_of_the_video_have_the_instants_of_their_frames(tmp_path: Path) -> None:
     """Of a camera whose rate is none of the video's, with raw pictures to compare with."""
     changes = {**QUICK, "camera.rate_hz": 60.0, "camera.dropped": 0.3}

@@ -78,8 +78,8 @@ def test_printed_gains_slip_at_camera_rate() -> None:
     [
         ("margin-60hz", 0.7),
         ("margin-30hz", 0.3),
-        pytest.param("margin-60hz", 0.3, marks=pytest.mark.slow),
-        pytest.param("margin-30hz", 0.7, marks=pytest.mark.slow),
+        pytest.param("margin-60hz", 0.3, marks=pytest.mark.loops),
+        pytest.param("margin-30hz", 0.7, marks=pytest.mark.loops),
     ],
 )
 def test_margin_inversion_holds_where_gains_slip(scene: str, friction: float) -> None:

@@ -17,7 +17,7 @@ from chromagrip.loop.rig import Rig
 from chromagrip.output.processes import one_thread
 from chromagrip.scene import load_scene
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(psutil.WINDOWS, reason="counts pages of Linux")]
+pytestmark = [pytest.mark.loops, pytest.mark.skipif(psutil.WINDOWS, reason="counts pages of Linux")]
 
 #: Frame from which on nothing may grow, and the largest growth [MB].
 WARM, MOST = 500, 5.0

@@ -61,7 +61,7 @@ def plugin(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "plugin", module)
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 @pytest.mark.parametrize(
     "controller", [Scaled(gain=4.0), Callable(gain=4.0), partial(Scaled, gain=4.0)]
 )
@@ -156,7 +156,7 @@ def test_summary_and_scene_name_the_reconstructor_that_auto_is(tmp_path: Path) -
     assert truth["reconstructor"] is truth["camera_pose"] is None
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_the_summary_counts_frames_without_an_estimate_by_their_reasons() -> None:
     """Reasons that differ by their numbers alone are one kind."""
     reasons = ["1.2 N of 3 N", "0.9 N of 4 N", "no pair"]
@@ -200,7 +200,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_a_script_sweeps_over_gains_in_this_process_and_in_others(tmp_path: Path) -> None:
     script = tmp_path / "sweep.py"
     script.write_text(SWEEP, encoding="utf-8")

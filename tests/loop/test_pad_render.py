@@ -14,7 +14,7 @@ from chromagrip.loop.poses.folder import render_poses
 from chromagrip.model.dome import lattice
 from chromagrip.render import DomeMap, load_sensor, rest_membrane
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.loops
 
 FLAT = load_sensor("flat-2019")
 BOX = {

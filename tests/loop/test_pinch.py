@@ -224,7 +224,7 @@ def test_the_trace_has_force_and_torque_of_each_finger() -> None:
         assert ((low <= mu) & (mu <= high)).all()
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_each_finger_has_its_own_camera_and_a_saved_pinch_goes_on() -> None:
     rig = Rig(scene(path="camera", duration_s=0.1, camera__rest_frames=2))
     rig.reset(seed=3)

@@ -210,7 +210,7 @@ def pictures(path: Path) -> list[np.ndarray]:
         return [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_a_run_has_a_picture_of_each_instant_of_the_video(tmp_path: Path) -> None:
     run(scene(duration_s=0.2), tmp_path / "slow")
     shown = pictures(tmp_path / "slow" / "tactile.mp4")
@@ -225,7 +225,7 @@ def test_a_run_has_a_picture_of_each_instant_of_the_video(tmp_path: Path) -> Non
     rig.close()
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_a_fast_camera_has_a_hundred_pictures_a_second(tmp_path: Path) -> None:
     run(scene(duration_s=0.1, camera__rate_hz=200.0), tmp_path / "fast")
     assert len(pictures(tmp_path / "fast" / "tactile.mp4")) == 11

@@ -74,7 +74,7 @@ def test_the_truth_path_has_pictures_too_and_a_run_without_them_none(tmp_path: P
         run(scene, frames="png")
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 @pytest.mark.parametrize("light", [{"camera.exposure_ms": 15.0}, {"defects.motion_blur": 0.5}])
 @pytest.mark.parametrize("name", ["camera-100hz", "pinch-lift"])
 def test_a_run_keeps_the_pictures_that_a_rig_gives(
@@ -145,7 +145,7 @@ def test_from_the_command_line(typed: Callable[..., CompletedProcess[str]], tmp_
     assert typed(*line[:-1], "gif").returncode == 2
 
 
-@pytest.mark.parametrize("kind", ["png", pytest.param("ffv1", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["png", pytest.param("ffv1", marks=pytest.mark.loops)])
 def test_both_cameras_of_a_pinch_lose_nothing(kind: Literal["png", "ffv1"], tmp_path: Path) -> None:
     changes = {**COARSE, "duration_s": 0.08, "camera.dropped": 0.4}
     scene = load_scene("pinch-lift", {**changes, "controller": "conservative"})

@@ -64,7 +64,7 @@ def test_the_truth_fits_the_picture(sweep: Path) -> None:
     assert forces.sum() == pytest.approx(3.0, rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_the_same_seed_gives_the_same_bytes(sweep: Path, tmp_path: Path) -> None:
     scene = load_scene(str(sweep / "scene.toml"))
     render_poses(scene, [Pose(grip=1.0), Pose(grip=3.0, load=0.9)], tmp_path / "again")

@@ -12,7 +12,7 @@ from chromagrip.loop.results.run_folder import read_run
 from chromagrip.loop.run import run
 
 Browsing = Callable[[int], Any]
-pytestmark = [pytest.mark.slow, pytest.mark.browser]
+pytestmark = [pytest.mark.browser]
 
 
 @pytest.fixture(scope="module")

@@ -173,7 +173,6 @@ def test_every_key_and_column_is_needed_or_not(whole: Path, tmp_path: Path, name
             log_of(replace(run, columns=columns))
 
 
-@pytest.mark.slow
 @pytest.mark.fuzz
 @pytest.mark.parametrize("seed", [2, 3, 4])
 def test_many_damages_are_refused_or_shown(whole: Path, tmp_path: Path, seed: int) -> None:

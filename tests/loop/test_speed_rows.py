@@ -5,7 +5,7 @@ import pytest
 from benchmarks.environments import environment_rows
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_every_observation_has_a_figure() -> None:
     rows = list(environment_rows(duration_s=0.05, turns=1))
     names = [

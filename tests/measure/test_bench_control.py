@@ -232,7 +232,7 @@ def test_slip_is_judged_where_the_truth_path_holds() -> None:
     assert found["beyond/camera/react-to-slip/largest_where_truth_waits"] == 1.4
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_a_sensor_that_is_not_what_is_told_grasps() -> None:
     """Its chain has twice the nodes, and its stiffnesses are off: so is the pressure."""
     if (problem := gl_problem()) is not None:  # here, as every worker imports this file

@@ -158,7 +158,7 @@ def test_a_mismatched_sensor_is_off_by_as_much_as_is_said() -> None:
     assert {(m.renderer, m.fingertip.nodes) for m in made} == {("pyrender", 501)}
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_images_of_a_mismatched_sensor_are_not_as_calibrated() -> None:
     """Both layers of a pair sit on one radius, unless they are misaligned by a tenth of a mm."""
     if (problem := gl_problem()) is not None:  # here, as every worker imports this file

@@ -160,7 +160,7 @@ def test_the_page_holds_all_that_it_shows(page: Path) -> None:
     assert "measured &amp; told elsewhere" in text
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_the_page_opens_from_disk(page: Path) -> None:
     browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
     if browser is None:
@@ -196,7 +196,7 @@ def test_a_chart_has_errors_beside_the_constant_and_the_limit() -> None:
     assert rows["force/limit/0.1s/margin_rms"] == pytest.approx(0.005)
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 @pytest.mark.parametrize("part", ["chart-model", "chart-dome", "track"])
 def test_a_stage_yields_its_points(part: str, tmp_path: Path) -> None:
     """More work is never drawn as less wrong than the truth it is measured against."""

@@ -227,7 +227,7 @@ def test_a_press_alone_hides_friction() -> None:
     assert pressed.tractions([MISFIT], pressed.held.touching)[0].mu > 0.2
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_limits_do_not_depend_on_where_the_load_points() -> None:
     """Skin and markers are the same after a third of a turn; the pixels are not quite."""
     layout = Ring(counts=(1, 6, 12, 18, 24, 30), pitch_mm=2.8)
@@ -318,7 +318,7 @@ def test_an_open_zone_ends_with_the_markers() -> None:
 # ---- what is said of a design ----
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_designs_are_read_as_their_layers_allow() -> None:
     entries = {
         name: limit_of(coarse(load_sensor(name), pitch)).entry()

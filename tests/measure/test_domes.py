@@ -427,7 +427,7 @@ def test_groups_of_the_world_are_chosen() -> None:
         measure("bench", "force", Asked(world="dome", only=("roll",)))
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 @pytest.mark.parametrize("world", WORLDS)
 def test_worlds_draw_the_same_grasps(world: str) -> None:
     found = across_scene(world, 0)

@@ -172,7 +172,7 @@ def test_a_contact_that_cannot_be_is_refused(grip: float) -> None:
 # ---- limits ----
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_frames_are_as_good_as_less_noise(held: Press) -> None:
     once = force_limit(SPARSE, held, 2.0)
     again = force_limit(SPARSE, held, 4.0, frames=4, rest_frames=64)

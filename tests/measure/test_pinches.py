@@ -108,7 +108,7 @@ def test_every_scene_and_controller_is_run() -> None:
     assert len(set(todo)) == len(todo)
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_too_small_a_grip_drops_and_a_large_one_holds() -> None:
     small, large = (outcome_of(LiftRun(LIFT, "truth", CONSTANT, 9, 0, grip)) for grip in (1.0, 6.0))
     assert isinstance(small, Outcome)

@@ -8,7 +8,7 @@ from chromagrip.model.shapes import ball, plane
 from chromagrip.render import load_sensor
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_the_hue_of_a_press_is_the_published_one() -> None:
     rows = {row.score: row.value for row in real_presses()}
     assert rows["hue_slope"] == pytest.approx(9.2, rel=0.3)
@@ -16,7 +16,7 @@ def test_the_hue_of_a_press_is_the_published_one() -> None:
     assert rows["shear_of_the_centroid"] == pytest.approx(0.55, abs=0.12)
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_the_flow_of_a_real_pair_is_in_range_and_a_ball_has_less() -> None:
     sensor = load_sensor("dome-2020")
     flow = outward_flow(sensor, plane())[1]

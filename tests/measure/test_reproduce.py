@@ -160,7 +160,7 @@ def test_gains_past_their_boundary_do_not_pass_for_the_thesis(validation: Runs) 
 @pytest.mark.parametrize(
     "obj",
     [
-        pytest.param((0.3, 200.0, math.inf), marks=pytest.mark.slow),  # flat, as in `validation`
+        pytest.param((0.3, 200.0, math.inf), marks=pytest.mark.studies),  # flat, as in `validation`
         (0.7, 16.0, 5.0),
         (0.3, 32.0, 5.0),
     ],

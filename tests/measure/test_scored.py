@@ -295,7 +295,7 @@ def test_arrays_may_name_their_layers(tmp_path: Path) -> None:
         read_points(tmp_path / "b.npz")
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_the_command_ranks_trackers_on_a_dataset(tmp_path: Path, typed: Typed) -> None:
     """Our own tracker near the bound, beside one that says that nothing moves."""
     data = tmp_path / "data"

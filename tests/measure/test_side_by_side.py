@@ -10,7 +10,7 @@ from benchmarks.model.side_by_side import Press, Side, side_by_side, side_rows, 
 from benchmarks.model.side_by_side_figure import draw_side_by_side
 from chromagrip.output.figure import png
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.studies
 
 
 @pytest.fixture(scope="module")

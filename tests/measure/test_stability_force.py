@@ -84,7 +84,7 @@ def test_a_dial_turns_one_condition() -> None:
     assert all(one in whole for one in force_map(Asked(quick=True)).settings)
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_a_scene_is_as_its_case_says() -> None:
     """Grip, µ and Γ are in the truth; silicone that is stiffer than told is read too soft."""
     plain = force._watched("dome-2022", GripCase(grip=0.5, friction=0.3))

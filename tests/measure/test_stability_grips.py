@@ -37,7 +37,7 @@ WORLDS: tuple[World, ...] = get_args(World)
 CONSTANT = GripSetting(world="pinch", controller="conservative")
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 @pytest.mark.parametrize(("share", "word"), [(0.9, "holds"), (1.1, "dropped")])
 def test_a_constant_grip_bears_the_weight_that_friction_does(share: float, word: str) -> None:
     grip = CONSTANT.scene().conservative.force_n
@@ -46,7 +46,7 @@ def test_a_constant_grip_bears_the_weight_that_friction_does(share: float, word:
     assert found.grip_n == grip
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 @pytest.mark.parametrize(("share", "word"), [(0.8, "holds"), (1.4, "turned")])
 def test_a_constant_grip_bears_the_torque_of_the_limit_surface(share: float, word: str) -> None:
     grip = CONSTANT.scene().conservative.force_n
@@ -54,7 +54,7 @@ def test_a_constant_grip_bears_the_torque_of_the_limit_surface(share: float, wor
     assert found.outcome == word
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 @pytest.mark.parametrize(("share", "holds"), [(1.5, True), (0.8, False)])
 def test_past_the_rate_of_the_linearised_loop_the_object_is_lost(share: float, holds: bool) -> None:
     base = GripSetting(world="pinch", controller="safety-margin", latency_frames=2)

@@ -144,7 +144,7 @@ def test_noise_passes_the_loop_as_its_time_series_says() -> None:
 
 @pytest.mark.parametrize(
     ("preset", "latency"),
-    [(PRINTED, 0), pytest.param(PRINTED, 3, marks=pytest.mark.slow), (RETUNED, 1)],
+    [(PRINTED, 0), pytest.param(PRINTED, 3, marks=pytest.mark.studies), (RETUNED, 1)],
 )
 def test_the_node_model_starts_to_swing_near_the_prediction(
     preset: LoopSetting, latency: int
@@ -288,7 +288,7 @@ def small_plan(_: bool, own: Sequence[str] = ()) -> dict[str, Map]:
     return kept
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_an_interrupted_run_goes_on_and_ends_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

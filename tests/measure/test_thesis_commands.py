@@ -12,7 +12,7 @@ from chromagrip.model import ContactObject, Fingertip
 from chromagrip.output.report import values
 
 
-@pytest.mark.slow
+@pytest.mark.studies
 def test_appendix_b_leaves_a_page_with_every_figure(tmp_path: Path) -> None:
     out, plan = tmp_path / "b", Plan(quick=True, camera=None)
     report, sections = reproduce(["appendix-b"], plan, out, False, 1, lambda _: None)
@@ -41,7 +41,7 @@ def test_appendix_b_leaves_a_page_with_every_figure(tmp_path: Path) -> None:
         reproduce(["appendix-b"], plan, out, False, 1, lambda _: None)
 
 
-@pytest.mark.parametrize("method", ["euler", pytest.param("rk4", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", ["euler", pytest.param("rk4", marks=pytest.mark.studies)])
 def test_explicit_methods_fail_where_theory_says_and_the_default_does_not(method: str) -> None:
     small = Grid(
         nodes=(21,),

@@ -70,7 +70,7 @@ def test_every_spring_law_is_the_same_in_both_codes(law: str) -> None:
     assert end(found) == pytest.approx(end(fine), abs=2e-3 * abs(end(fine)).max())
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 @pytest.mark.parametrize(
     ("method", "order", "steps", "speed"),
     [
@@ -125,7 +125,7 @@ def test_a_diverging_run_says_at_which_step_and_what_was_predicted() -> None:
         integrate("euler", SMALL, ROUND, Drive.constant(1.0), dt=dt, duration=5000 * dt, every=10)
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 @pytest.mark.parametrize("method", ["euler", "rk4"])
 def test_below_the_predicted_limit_explicit_runs_stay_bounded(method: str) -> None:
     dt = 0.9 * explicit_limit(SMALL, ROUND, method=method)

@@ -144,7 +144,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_nothing_is_said_of_a_worker_that_has_grown_and_is_replaced(tmp_path):
     script = tmp_path / "growing.py"
     script.write_text(GROWING, encoding="utf-8")

@@ -68,7 +68,6 @@ def test_a_long_run_is_thinned_and_says_so(tmp_path: Path) -> None:
     assert not a_run().left_out
 
 
-@pytest.mark.slow
 @pytest.mark.browser
 def test_runs_of_two_scenes_have_plots_of_their_own(
     tmp_path: Path, browsing: Callable[[int], Any]

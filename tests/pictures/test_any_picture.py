@@ -62,7 +62,7 @@ def stored_otherwise(rng: Random) -> Picture:
 MAKES = (cut, resized, stored_otherwise)
 
 
-@pytest.mark.slow
+@pytest.mark.data
 @pytest.mark.parametrize("first", range(0, PICTURES, TOGETHER))
 def test_any_picture_is_tracked_or_refused(first: int, tmp_path: Path) -> None:
     trackers = sorted(tracker_names())

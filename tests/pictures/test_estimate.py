@@ -124,7 +124,7 @@ def column(out: Path, name: str) -> np.ndarray:
     return np.array([np.nan if v is None else v for v in values], dtype=float)
 
 
-@pytest.mark.slow
+@pytest.mark.data
 @pytest.mark.parametrize("scale", [1.5, 2.0])
 def test_pictures_of_another_size_are_scaled_to_the_sensors(scale: float, tmp_path: Path) -> None:
     """The same lens on a chip with smaller pixels, each with the same noise."""

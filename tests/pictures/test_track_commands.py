@@ -419,7 +419,7 @@ def test_a_tracker_that_fails_keeps_what_it_gave(
     assert columns["frame"].max() == 1
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_auto_finds_the_frame_at_rest(nearest: str, tmp_path: Path, run: Run) -> None:
     for k, shift in enumerate((6e-5, 0.0, 3e-5)):
         write(tmp_path / "frames" / f"{k}.png", painted(shift, k))
@@ -495,7 +495,7 @@ def test_noise_is_estimated(sigma: float) -> None:
     assert noise_level(frames[:1], False)[0] == pytest.approx(sigma, rel=0.1, abs=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.data
 def test_compressed_pictures_are_tracked_with_the_errors_of_compression(
     tmp_path: Path, run: Run
 ) -> None:

@@ -43,7 +43,7 @@ def test_the_painter_draws_its_golden_picture_bit_for_bit(name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=pytest.mark.slow if name in ALIKE else ())
+        pytest.param(name, marks=pytest.mark.stages if name in ALIKE else ())
         for name in sensor_names()
     ],
 )
@@ -59,7 +59,7 @@ def test_pyrender_draws_it_within_three_levels(name: str) -> None:
     assert (off > 3).mean() < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 def test_the_painter_agrees_with_the_path_tracer() -> None:
     """Centres within 0.2 px and colours within 6 ΔE2000, refracted views included."""
     rows = {row.name: row for row in against_path_traced(quick=True, progress=lambda text: None)}

@@ -124,7 +124,7 @@ def test_what_is_worn_off_is_not_tracked() -> None:
     assert (abs(error) < 2.0 * 1.645 * trace["friction_deviation_n"][read]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 @pytest.mark.parametrize("share", [0.03, 0.2])
 def test_a_light_press_is_read_in_spite_of_wear(share: float) -> None:
     """Of a pair that has lost its outer marker the inner one is read."""
@@ -138,7 +138,7 @@ def test_a_light_press_is_read_in_spite_of_wear(share: float) -> None:
     assert press == pytest.approx(trace["normal_true_n"][read][-1], rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_too_much_compression_is_said_not_guessed() -> None:
     trace = run(load_scene("worn-1", {"duration_s": 0.2, "defects.jpeg_quality": 35})).trace
     assert np.isinf(trace["friction_deviation_n"]).all()

@@ -64,7 +64,7 @@ def test_a_box_slides_at_its_friction() -> None:
     np.testing.assert_allclose(sliding[:, 0] / -sliding[:, 2], 0.4, rtol=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_a_peg_between_two_fingers_swings_with_the_period_of_a_pendulum() -> None:
     """The fingertips hold it by friction, whose torque is small; a tighter grip stiffens it."""
     length, half, press, angle = 0.12, 5e-3, 0.35e-3, 0.7

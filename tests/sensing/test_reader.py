@@ -56,7 +56,7 @@ def test_it_reads_the_wrench_of_the_picture_within_its_interval(
     assert abs(readings[1].wrench[2] - last.wrench[2]) > 0.3 * abs(last.wrench[2])
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_one_picture_again_is_one_answer_again_and_copies_go_their_own_way(
     grasp: tuple[list[np.ndarray], list[np.ndarray], np.ndarray],
 ) -> None:
@@ -134,7 +134,7 @@ def test_a_plug_in_that_gives_other_markers_is_refused(
         reader.update(images[0], 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_a_bias_moves_the_friction_and_its_margin_alike(
     grasp: tuple[list[np.ndarray], list[np.ndarray], np.ndarray],
 ) -> None:

@@ -81,7 +81,7 @@ def test_a_path_gives_the_forces_of_the_model_that_is_told_the_path_beforehand()
     assert sensor.data.wrench[0] > 0.2
 
 
-@pytest.mark.slow
+@pytest.mark.loops
 def test_under_forces_it_comes_to_rest_with_them(dome: TactileSensor) -> None:
     for _ in range(60):
         dome.update(force=[0.2, -0.1, -2.0, 0.0, 0.0, 2e-4], dt=0.1)

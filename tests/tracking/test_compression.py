@@ -109,7 +109,7 @@ def test_tracks_of_uncompressed_pictures(told: float) -> None:
     assert [t.compression for t in (followed.rest, *followed.tracks)] == [1.0] * 4
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 def test_compression_grows_with_the_rate_factor() -> None:
     pytest.importorskip("av")
     assert level("raw") == 1.0
@@ -118,7 +118,7 @@ def test_compression_grows_with_the_rate_factor() -> None:
     assert level("444") > 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 @pytest.mark.parametrize("name", ["raw", "crf 12", "jpeg 90"])
 def test_covariance_covers_the_errors(name: str) -> None:
     """Errors of markers that moved are about as large as is stated.

@@ -242,7 +242,6 @@ def test_each_fault_is_followed_or_flagged(name: str) -> None:
     judged(name, range(len(FAULTS)))
 
 
-@pytest.mark.slow
 @pytest.mark.fuzz
 @pytest.mark.parametrize("name", TRACKERS)
 def test_of_300_sequences_with_faults_hardly_a_wrong_number_is_unflagged(name: str) -> None:

@@ -89,7 +89,6 @@ def test_odd_pictures_are_followed_or_refused_by_every_tracker() -> None:
         try_all(seed)
 
 
-@pytest.mark.slow
 @pytest.mark.fuzz
 @pytest.mark.parametrize("first", range(20, 520, 50))
 def test_more_odd_pictures_are_followed_or_refused(first: int) -> None:

@@ -161,9 +161,9 @@ def from_middle(pixels: np.ndarray) -> np.ndarray:
     return np.linalg.norm(pixels - [319.5, 239.5], axis=-1)
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 @pytest.mark.parametrize(
-    "pictures", ["brute force", pytest.param("pyrender", marks=pytest.mark.slow)]
+    "pictures", ["brute force", pytest.param("pyrender", marks=pytest.mark.stages)]
 )
 def test_sizes_are_right_wherever_the_other_layer_lies(pictures: str) -> None:
     """On pictures that share no code with the fit: both dyes, then the lens."""
@@ -199,7 +199,7 @@ def test_sizes_are_right_wherever_the_other_layer_lies(pictures: str) -> None:
         assert abs(np.median(error[:, of], axis=1)).max() < 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 @pytest.mark.parametrize("apart_by", [2.05, 1.6])
 def test_sizes_are_right_where_pairs_touch(apart_by: float) -> None:
     """Brute force again: edges of neighbours face each other, and what they absorb adds up.

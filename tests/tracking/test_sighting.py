@@ -73,7 +73,7 @@ COLOURS: tuple[tuple[Light, Light], ...] = (
 )
 #: Every colour in two surrounds, and every surround with two colours or more; the others are slow.
 PICTURED = [
-    pytest.param(*colours, around, marks=() if (k + n) % 4 in (0, 1) else pytest.mark.slow)
+    pytest.param(*colours, around, marks=() if (k + n) % 4 in (0, 1) else pytest.mark.stages)
     for k, colours in enumerate(COLOURS)
     for n, around in enumerate(AROUND)
 ]
@@ -310,7 +310,7 @@ def test_light_of_two_colours_does_not_make_two_dyes(tint: tuple[float, float, f
         *(("thesis", 0.6), ("thesis", 1.0), ("dome-2022", 0.6), ("dome-2022", 1.0)),
         *(("flat-2019", 0.6), ("flat-2019", 1.7)),
         *(
-            pytest.param(name, scale, marks=pytest.mark.slow)
+            pytest.param(name, scale, marks=pytest.mark.stages)
             for name, scale in (("thesis", 1.7), ("dome-2022", 1.7), ("flat-2019", 1.0))
         ),
     ],

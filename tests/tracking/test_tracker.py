@@ -302,7 +302,7 @@ def displaced(image: Image, shift: float) -> Image:
 
 
 @pytest.mark.parametrize(
-    "shift", [0.25, 0.5, *(pytest.param(k, marks=pytest.mark.slow) for k in (0.2, 0.3))]
+    "shift", [0.25, 0.5, *(pytest.param(k, marks=pytest.mark.stages) for k in (0.2, 0.3))]
 )
 def test_a_picture_that_was_blurred_before_shows_no_change_at_rest(shift: float) -> None:
     """Light is fitted at rest where it would be fitted later: sizes would change by 2 %."""

@@ -36,14 +36,12 @@ def test_springs_buckle_on_fine_chains_under_hard_objects_only() -> None:
         assert (unstable_modes(tip, state.deformation.seen) > 0) == buckles, grasp.name
 
 
-@pytest.mark.slow
 @pytest.mark.elements
 @pytest.mark.parametrize("grasp", GRASPS, ids=lambda grasp: grasp.name)
 def test_three_digits(grasp: Grasp) -> None:
     assert max(compare(grasp, 400)) < 1e-3
 
 
-@pytest.mark.slow
 @pytest.mark.elements
 def test_where_the_springs_buckle_it_says_so() -> None:
     tip = Fingertip(nodes=BUCKLED.nodes)

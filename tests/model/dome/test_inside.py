@@ -94,7 +94,7 @@ def test_markers_just_under_the_skin_move_as_it_does() -> None:
     assert apart < 0.03 * np.linalg.norm(skin[inner])
 
 
-@pytest.mark.parametrize("poisson", [pytest.param(0.3, marks=pytest.mark.slow), 0.48])
+@pytest.mark.parametrize("poisson", [pytest.param(0.3, marks=pytest.mark.stages), 0.48])
 def test_a_thick_dome_moves_inside_as_a_half_space(poisson: float) -> None:
     """u_z = (1 + ν)·F/(2π·E·ρ)·(z²/ρ² + 2·(1 − ν)) of Boussinesq, from one depth to another."""
     dome = Dome(core=0.5e-3, poisson=poisson, pitch=0.25e-3, reach=math.radians(20.0))

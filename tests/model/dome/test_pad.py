@@ -198,7 +198,7 @@ def test_a_ball_on_a_thick_pad() -> None:
         assert found == pytest.approx(share * hertz, rel=0.012)
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 @pytest.mark.parametrize(
     ("case", "law"),
     [
@@ -207,7 +207,7 @@ def test_a_ball_on_a_thick_pad() -> None:
         ("nu 0.48 ball 10 stick", "hyperelastic"),
         ("nu 0.45 ball 10 slip", "hyperelastic"),
         pytest.param(
-            "nu 0.48 ball 40 stick", "hyperelastic", marks=[pytest.mark.slow, pytest.mark.elements]
+            "nu 0.48 ball 40 stick", "hyperelastic", marks=[pytest.mark.elements]
         ),
     ],
 )

@@ -91,7 +91,7 @@ def learned(specimen: Specimen) -> Learned:
     return Learned(KNOWN, specimen.rest, averaged=False)
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 def test_what_no_trained_press_shows_is_a_setting(specimen: Specimen, unseen: Snapshots) -> None:
     tracks = specimen.tracks(press_of(unseen, 2.0), 1.0, 4)
     assert Learned(KNOWN, specimen.rest).update(tracks).total_normal > 1.0

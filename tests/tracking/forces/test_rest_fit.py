@@ -105,16 +105,16 @@ def test_a_camera_is_turned_by_the_tilt_and_then_by_the_roll(tilt: tuple[float, 
     np.testing.assert_allclose(turn_matrix(0.7, tilt), turned.as_matrix(), atol=1e-15)
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 @pytest.mark.parametrize(
     ("roll_deg", "scale", "shift"),
     [
         (0.0, 1.0, (0.0, 0.0)),
-        pytest.param(0.3, 1.0, (0.0, 0.0), marks=pytest.mark.slow),
-        pytest.param(1.0, 1.0, (0.0, 0.0), marks=pytest.mark.slow),
+        pytest.param(0.3, 1.0, (0.0, 0.0), marks=pytest.mark.stages),
+        pytest.param(1.0, 1.0, (0.0, 0.0), marks=pytest.mark.stages),
         (-3.0, 1.0, (4.0, -2.5)),
-        pytest.param(15.0, 0.9, (0.0, 0.0), marks=pytest.mark.slow),
-        pytest.param(60.0, 1.0, (-20.0, 15.0), marks=pytest.mark.slow),
+        pytest.param(15.0, 0.9, (0.0, 0.0), marks=pytest.mark.stages),
+        pytest.param(60.0, 1.0, (-20.0, 15.0), marks=pytest.mark.stages),
         (0.0, 1.1, (25.0, 30.0)),
     ],
 )
@@ -157,7 +157,7 @@ def test_a_pose_is_told_in_words_and_numbers() -> None:
         CameraPose(tilt=(0.02, -0.05)),
         CameraPose(roll=1.0, tilt=(-0.1, 0.12), shift=(20.0, -10.0), scale=1.05),
         pytest.param(
-            CameraPose(roll=-3.0, shift=(-40.0, 30.0), scale=0.75), marks=pytest.mark.slow
+            CameraPose(roll=-3.0, shift=(-40.0, 30.0), scale=0.75), marks=pytest.mark.stages
         ),
     ],
 )
@@ -189,8 +189,8 @@ def test_the_deviations_are_those_of_the_errors() -> None:
     [
         (Defects(missing_markers=0.3), 2.0),
         (Defects(worn_markers=0.4), 0.0),
-        pytest.param(Defects(missing_markers=0.3), 0.0, marks=pytest.mark.slow),
-        pytest.param(Defects(worn_markers=0.4), 2.0, marks=pytest.mark.slow),
+        pytest.param(Defects(missing_markers=0.3), 0.0, marks=pytest.mark.stages),
+        pytest.param(Defects(worn_markers=0.4), 2.0, marks=pytest.mark.stages),
     ],
 )
 def test_markers_that_are_missing_do_not_hide_the_pose(defects: Defects, roll: float) -> None:
@@ -209,7 +209,7 @@ def test_every_design_tells_a_small_pose(name: str) -> None:
     check(found, pose, degrees=0.2, pixels=0.7)
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.stages) for k in (2, 3))])
 def test_the_built_dome_tells_a_pose_by_its_outer_layer(seed: int) -> None:
     """Crooked markers a tenth of a pitch off, and an inner layer of which each gore lies elsewhere.
 
@@ -255,7 +255,7 @@ def test_a_grid_is_not_taken_for_itself_a_pitch_further() -> None:
     [
         "fovea",
         *(
-            pytest.param(f"dome-{year}", marks=pytest.mark.slow)
+            pytest.param(f"dome-{year}", marks=pytest.mark.stages)
             for year in ("2020-printed", "2022")
         ),
     ],

@@ -115,7 +115,7 @@ def test_frames_without_contact_end_a_way(run: History) -> None:
     assert not reading._filter.misfits
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 def test_a_way_that_no_contact_explains_is_doubted(run: History) -> None:
     """Every other frame shows the skin as it would be under the opposite load.
 

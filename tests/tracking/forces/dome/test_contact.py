@@ -111,7 +111,7 @@ def test_force_direction_friction_and_margin_are_read(
     assert reading.margin_deviation < 0.15
 
 
-@pytest.mark.slow
+@pytest.mark.stages
 @pytest.mark.parametrize(
     ("shape", "margin", "torque"),
     [(plane(), 1.0, 2.5e-3), (plane(), 0.5, -2e-3), (ball(12e-3), 0.6, 1e-3)],
