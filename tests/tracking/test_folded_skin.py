@@ -11,6 +11,7 @@ from chromagrip.model import rest_state
 from chromagrip.render.outlines import centroids, outlines
 
 
+@pytest.mark.stages
 @pytest.mark.parametrize("grasp", [37, 62])
 def test_markers_that_lay_on_others_are_themselves(grasp: int) -> None:
     """Of random grasps, against where the markers are: none is lost, none is another one."""

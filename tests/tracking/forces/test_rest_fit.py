@@ -209,7 +209,9 @@ def test_every_design_tells_a_small_pose(name: str) -> None:
     check(found, pose, degrees=0.2, pixels=0.7)
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.stages) for k in (2, 3))])
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(k, marks=pytest.mark.stages) for k in (2, 3))]
+)
 def test_the_built_dome_tells_a_pose_by_its_outer_layer(seed: int) -> None:
     """Crooked markers a tenth of a pitch off, and an inner layer of which each gore lies elsewhere.
 
