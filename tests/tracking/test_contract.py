@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from chromagrip.errors import UserError
 from chromagrip.model import Fingertip, rest_state
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
-from chromagrip.render.colour import decode_srgb, encode_srgb
+from chromagrip.render.colour import decode_srgb
 from chromagrip.render.outlines import centroids, outlines
 from chromagrip.scene.scene import load_scene
 from chromagrip.sensing.sensor import open_camera
@@ -33,6 +33,8 @@ from chromagrip.tracking.fit.settings import FitSettings
 from chromagrip.tracking.learned_palette import learn_palette
 from chromagrip.tracking.sighting import sight
 from chromagrip.tracking.trackers import TRACKERS, check_frame
+
+from ..pictures.drawn_dots import covered, levels
 
 SENSOR = load_sensor("thesis")
 PALETTE, DARK = Palette.of_sensor(SENSOR), load_palette("dark-dots")
@@ -162,18 +164,12 @@ def truth(rest: Tracks, moved: Membrane) -> np.ndarray:
 
 def dots(shift: tuple[float, float], index: int, palette: Palette = DARK) -> Frame:
     """Blurred dots of a palette of one dye on a shaded ground, all shifted by that much [px]."""
-    y, x = np.mgrid[:240, :320].astype(float)
-    light = 0.9 - 0.25 * (x / 320) - 0.2 * (y / 240) ** 2
-    if palette.bright:
-        light *= 0.1
-    # Distance to the nearest place of the grid, whose rows and columns keep off the border.
-    dx, dy = x - shift[0], y - shift[1]
-    col = np.clip(np.rint(dx / 24.0), 2, 320 // 24 - 2) * 24.0
-    row = np.clip(np.rint(dy / 24.0), 2, 240 // 24 - 2) * 24.0
-    cover = 0.5 - 0.5 * np.tanh((np.hypot(dx - col, dy - row) - 5.5) / 0.9)
-    image = light[..., None] * (1.0 - cover[..., None] * (1.0 - palette.transmittance[0]))
-    levels = encode_srgb(image) + np.random.default_rng([5, index]).normal(0.0, NOISE, image.shape)
-    return Frame(image=np.clip(np.rint(levels), 0, 255).astype(np.uint8), time=0.01 * index)
+    y, x = np.mgrid[:240, :320]
+    light = (0.9 - 0.25 * (x / 320) - 0.2 * (y / 240) ** 2) * (0.1 if palette.bright else 1.0)
+    places = 24.0 * np.stack(np.meshgrid(np.arange(2, 12), np.arange(2, 9)), -1).reshape(-1, 2)
+    cover = covered((320, 240), places + shift, np.full(len(places), 5.5), 0.9)[..., None]
+    image = light[..., None] * (1.0 - cover * (1.0 - palette.transmittance[0]))
+    return Frame(image=levels(image, NOISE, 1000 + index), time=0.01 * index)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -327,9 +323,7 @@ def test_detected_markers_do_not_mind_less_light() -> None:
     """A step to 0.6 of the light: noise weighs more by less than 2, and nothing is lost."""
     tracker, rest = fresh("detect")
     moved = pushed(4e-5, 4e-5)
-    dim = encode_srgb(0.6 * decode_srgb(PAINTER.render(moved).astype(float)))
-    grainy = dim + np.random.default_rng(3).normal(0.0, NOISE, dim.shape)
-    image = np.clip(np.rint(grainy), 0, 255).astype(np.uint8)
+    image = levels(0.6 * decode_srgb(PAINTER.render(moved).astype(float)), NOISE, 3)
     tracks = tracker.update(Frame(image=image, time=0.0))
     assert tracks.visible.all()
     error = tracks.position - rest.position - truth(rest, moved)

@@ -76,23 +76,6 @@ def test_every_sensors_markers_are_found_where_and_as_large_as_they_are(
         assert np.median(found.area / true_area[k, number]) == pytest.approx(1.0, abs=0.05)
 
 
-def test_layers_that_lie_aside_do_not_pull_on_each_other() -> None:
-    """One edge of each pair on top of the other's, or nearly; by log densities that is 0.2 px."""
-    pixels, view = 1.5, sensor("thesis").view
-    start = centroids(outlines(rest("thesis"), view), square=False)
-    centres = rest("thesis").centres.copy()
-    centres[0, :, 0] += pixels * 5.3e-5
-    truth = centroids(outlines(Membrane(centres=centres, axes=rest("thesis").axes), view), False)
-    near = np.linalg.norm(start[0] - start[0].mean(axis=0), axis=-1) < 120.0
-    assert abs(truth - start)[0, near, 0].mean() == pytest.approx(pixels, rel=0.1)
-    image = shoot("thesis", Membrane(centres=centres, axes=rest("thesis").axes))
-    for k, found in enumerate(detect_markers(image, load_palette())):
-        number = matched(found, truth[k])
-        error = (found.position - truth[k, number])[near[number]]
-        assert near.sum() > 100
-        assert abs(error.mean(axis=0)).max() < 0.03
-
-
 def scattered(pitch: float) -> np.ndarray:
     return spread(320, 240, pitch, 4)
 

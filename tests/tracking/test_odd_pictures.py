@@ -16,41 +16,32 @@ def drawn(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
     """Ground, and discs of one size or of several, on a grid or anywhere, (H, W, 3)."""
     image = np.empty((*shape, 3), np.float32)
     image[:] = rng.uniform(0.0, 255.0, 3)
-    if rng.random() < 0.3:
-        image *= np.linspace(rng.uniform(0.0, 1.0), 1.0, shape[1], dtype=np.float32)[:, None]
+    image *= np.linspace(rng.choice([0.3, 1.0]), 1.0, shape[1], dtype=np.float32)[:, None]
     radius, inks = rng.uniform(0.5, 20.0), rng.uniform(0.0, 255.0, (3, 3))
     pitch = radius * rng.uniform(1.8, 6.0)
     places = np.stack(np.meshgrid(*(np.arange(0, side, pitch) for side in shape[::-1])), -1)
-    places = places.reshape(-1, 2)[:2000]
+    places = places.reshape(-1, 2)[: int(rng.choice([10, 2000, 2000]))]
     if rng.random() < 0.2:
         places = rng.uniform(-10.0, max(shape) + 10.0, places.shape)
-    several = rng.random() < 0.3
-    for x, y in places[: None if rng.random() < 0.8 else int(rng.integers(0, 20))]:
-        own = radius * (rng.choice([0.5, 1.0, 2.0]) if several else 1.0)
-        ink = inks[rng.integers(3) if several else 0].tolist()
-        at = (round(16.0 * x), round(16.0 * y))
-        cv2.circle(image, at, max(1, round(16.0 * own)), ink, -1, cv2.LINE_AA, 4)
+    kinds = rng.integers(0, rng.choice([1, 1, 3]), len(places))
+    for (x, y), kind in zip(np.rint(16.0 * places).astype(int).tolist(), kinds, strict=True):
+        size = max(1, round(16.0 * radius * (1.0, 0.5, 2.0)[kind]))
+        cv2.circle(image, (x, y), size, inks[kind].tolist(), -1, cv2.LINE_AA, 4)
     return image
 
 
 def holed(rng: np.random.Generator, image: np.ndarray) -> np.ndarray:
-    height, width = image.shape[:2]
-    top, left = rng.integers(0, height), rng.integers(0, width)
+    top, left = (int(rng.integers(0, side)) for side in image.shape[:2])
     image = image.copy()
-    image[top : top + height // 2, left : left + width // 2] = rng.uniform(0, 255)
+    image[top : top + 80, left : left + 80] = rng.uniform(0, 255)
     return image
-
-
-def few_levels(rng: np.random.Generator, image: np.ndarray) -> np.ndarray:
-    step = rng.uniform(2.0, 128.0)
-    return np.asarray(np.rint(image / step) * step)
 
 
 CHANGES: list[Callable[[np.random.Generator, np.ndarray], np.ndarray]] = [
     lambda rng, image: image + rng.normal(0.0, rng.uniform(1.0, 60.0), image.shape),
     lambda rng, image: cv2.GaussianBlur(image.astype("f4"), (0, 0), rng.uniform(0.5, 6.0)),
     holed,
-    few_levels,
+    lambda rng, image: np.rint(image / 60.0) * 60.0,
     lambda rng, image: image * rng.uniform(0.0, 3.0),
     lambda rng, image: np.roll(image, rng.integers(-40, 40, 2), axis=(0, 1)),
     lambda rng, image: image.mean(axis=2, keepdims=True).repeat(3, axis=2),

@@ -10,9 +10,11 @@ from scipy.spatial import KDTree
 
 from chromagrip.errors import UserError
 from chromagrip.render import Frame, SensorDesign, load_sensor, sensor_names
-from chromagrip.render.colour import decode_srgb, encode_srgb
+from chromagrip.render.colour import decode_srgb
 from chromagrip.render.ground import inside_rim, pixel_places
 from chromagrip.tracking import load_palette, load_tracker
+
+from ..pictures.drawn_dots import covered, levels
 
 Typed = Callable[..., CompletedProcess[str]]
 
@@ -24,14 +26,12 @@ def pictured(sensor: SensorDesign, shift: float) -> tuple[np.ndarray, np.ndarray
     places = places + np.array([shift, 0.0])
     middle = sensor.shape.points(np.array([[1e-6, 0.0]]), sensor.depths[0])
     gain = np.sqrt(np.linalg.det(view.jacobian(middle)[0, :, :2]))
-    y, x = np.mgrid[: view.height, : view.width].astype(float)
-    away = KDTree(places).query(np.stack([x, y], axis=-1))[0]
-    cover = 0.5 - 0.5 * np.tanh((away - gain * sensor.half_sizes[0]) / 0.9)
+    radii = np.full(len(places), gain * sensor.half_sizes[0])
+    cover = covered((view.width, view.height), places, radii, 0.9)
     light = decode_srgb(np.array(sensor.ground.apex, dtype=float))
     light = light * (1.0 + cover[..., None] * (np.array(layer.transmittance) - 1.0))
     light[inside_rim(sensor, pixel_places(sensor)) < 0.0] = 0.002
-    noise = np.random.default_rng(3).normal(0.0, 1.0, light.shape)
-    return np.clip(np.rint(encode_srgb(light) + noise), 0, 255).astype(np.uint8), places
+    return levels(light, 1.0, 3), places
 
 
 @pytest.mark.parametrize("tracker", ["fit", "detect"])

@@ -74,7 +74,7 @@ def test_markers_of_any_colour_on_any_ground_in_any_surround_are_found(
     assert np.max(away) < 0.6
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=6)
 @given(
     pitch=st.floats(14.0, 60.0),
     share=st.floats(0.17, 0.28),
@@ -94,7 +94,7 @@ def test_sizes_may_scatter_by_a_factor_of_two(
     assert seen.field[y, x].all()
 
 
-@settings(max_examples=8)
+@settings(max_examples=3)
 @given(
     radius=st.floats(5.0, 9.0),
     apart=st.floats(2.05, 2.8),
@@ -214,7 +214,10 @@ def test_markers_are_looked_for_where_and_in_what_number_that_is_asked() -> None
 
 @pytest.mark.parametrize(
     ("first", "second"),
-    [((0.6, 0.15, 0.25), (0.97, 0.8, 0.12)), ((0.3, 0.8, 0.4), (0.8, 0.3, 0.9))],
+    [
+        ((0.3, 0.8, 0.4), (0.8, 0.3, 0.9)),
+        ((0.15, 0.75, 0.8), (0.9, 0.3, 0.25)),  # black together: each shows alone at the edges
+    ],
 )
 def test_dyes_of_two_layers_are_learned(first: Light, second: Light) -> None:
     """Layers that lie aside by a third of a radius to all sides; dyes true to a tenth in light."""
@@ -244,14 +247,7 @@ def test_light_of_two_colours_does_not_make_two_dyes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "scale"),
-    [
-        *(("thesis", 1.0), ("dome-2022", 0.6), ("flat-2019", 0.6)),
-        *(
-            pytest.param(name, scale, marks=pytest.mark.stages)
-            for name, scale in (("thesis", 1.7), ("dome-2022", 1.7), ("flat-2019", 1.7))
-        ),
-    ],
+    ("name", "scale"), [("thesis", 1.0), ("dome-2022", 1.7), ("flat-2019", 0.6)]
 )
 def test_our_designs_are_found_without_knowing_them_at_any_size(name: str, scale: float) -> None:
     sensor = load_sensor(name)
