@@ -38,6 +38,30 @@ def seed_dome(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def presses() -> Recipe:
+    """Two presses of a dome in two frames each, read again, with labels of pixels."""
+    scene = {
+        "body": "dome", "sensor": "dome-2020", "duration_s": 0.05,
+        "camera": {"rate_hz": 20.0, "noise_levels": 1.0},
+    }  # fmt: skip
+    draw = {
+        "motion": {"choice": ["move"]}, "pose.press_share": {"choice": [0.25]},
+        "pose.shear_mm": {"choice": [0.5]}, "pose.shear_towards_deg": {"each": [40.0, 200.0]},
+        "object.radius_mm": {"each": [12.0, 8.0]}, "object.stiffness_kpa": {"choice": [400.0]},
+    }  # fmt: skip
+    truth = ("traction", "contact", "depth", "flow")
+    return Recipe(sequences=2, reading="auto", scene=scene, draw=draw, truth=truth)
+
+
+@pytest.fixture(scope="session")
+def pressed(tmp_path_factory: pytest.TempPathFactory, presses: Recipe) -> Path:
+    """The dataset of `presses`; not to be changed."""
+    folder = tmp_path_factory.mktemp("data") / "pressed"
+    make(presses, folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
 def respelled() -> Callable[..., None]:
     """Replaces a value of a table of the first sequence, and makes the checksums fit."""
 

@@ -81,21 +81,13 @@ def test_every_design_that_a_body_can_be_made_of_is_there_in_every_case() -> Non
 
 
 @pytest.mark.data
-def test_the_commands_tell_the_digest_and_a_tracker_is_scored(tmp_path: Path, typed: Typed) -> None:
+def test_the_commands_tell_the_digest(tmp_path: Path, typed: Typed) -> None:
     two = tmp_path / "two"
     words = ["dataset", "make", "benchmark-v2", "--n", "2", "--out", two, "--json"]
     made = json.loads(typed(*words).stdout)
     checked = json.loads(typed("dataset", "check", two, "--json").stdout)
     assert made["digest"] == checked["digest"]
     assert (made["frozen"], made["as_recorded"]) == ("benchmark-v2", "2 of 2")
-    done = typed("score", "lk", two, "--json")
-    assert done.returncode == 0, done.stderr
-    (told,) = json.loads(done.stdout)["tracks"]
-    low, high = told["intervals"]["rms"]
-    each = [scores["rms"] for scores in told["sequences"].values()]
-    assert (low, high) == pytest.approx((min(each), max(each)))
-    assert low < told["scores"]["rms"] < high < 1.0
-    assert typed("score", "nobody", two, "--json").returncode == 2
 
 
 @pytest.mark.data
