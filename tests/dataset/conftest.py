@@ -41,7 +41,7 @@ def seed_dome(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def presses() -> Recipe:
     """Two presses of a dome in two frames each, read again, with labels of pixels."""
     scene = {
-        "body": "dome", "sensor": "dome-2020", "duration_s": 0.05,
+        "body": "dome", "sensor": "dome-2022", "duration_s": 0.05,
         "camera": {"rate_hz": 20.0, "noise_levels": 1.0},
     }  # fmt: skip
     draw = {

@@ -173,22 +173,6 @@ def test_it_is_read_where_nothing_else_is(own: Path) -> None:
     assert not [one for one in text if str(own.parent) in one]
 
 
-@pytest.mark.data
-def test_bytes_rest_on_no_place(
-    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bytes_of: Digests
-) -> None:
-    """Made elsewhere, named from elsewhere, in shards that are joined, and gone on with."""
-    recipe = load_recipe(str(written(tmp_path / "deep" / "down")))
-    monkeypatch.chdir(tmp_path)
-    for shard in (1, 2):
-        make(recipe, Path(f"shard-{shard}"), shard=(shard, 2))
-    merge([Path("shard-1"), Path("shard-2")], Path("merged"))
-    assert bytes_of(Path("merged")) == bytes_of(own)
-    more = replace(load_recipe("merged/recipe.toml"), sequences=3)
-    make(more, Path("merged"), resume=True)
-    assert check(Path("merged")) == 3
-
-
 def test_other_sensors_are_other_datasets(own: Path, tmp_path: Path, bytes_of: Digests) -> None:
     folder = shutil.copytree(own, tmp_path / "data")
     path = written(tmp_path / "here")

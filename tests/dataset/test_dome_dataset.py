@@ -8,6 +8,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from msgspec.structs import replace
@@ -81,7 +82,7 @@ def test_a_reading_is_near_the_truth_and_says_how_near(loaded: list[Loaded]) -> 
 def test_a_reading_comes_from_the_pictures_alone(loaded: list[Loaded]) -> None:
     """The files that anybody has are read again, without the labels."""
     one = loaded[1]
-    reader = Reader("dome-2020", [one.pictures.rest], noise=1.0, window=0.05)
+    reader = Reader("dome-2022", [one.pictures.rest], noise=1.0, window=0.05)
     for k, image in enumerate(one.images()):
         seen = reader.update(image, k / 20.0).observation
         assert seen is not None
@@ -91,6 +92,7 @@ def test_a_reading_comes_from_the_pictures_alone(loaded: list[Loaded]) -> None:
         assert one.frames[f"{READ}torque_z_nmm"][k] == pytest.approx(1e3 * seen.torque)
 
 
+@pytest.mark.data
 def test_a_sequence_before_changes_nothing(presses: Recipe, loaded: list[Loaded]) -> None:
     for name in ("_map", "_renderer"):
         getattr(one_sequence, name).cache_clear()
@@ -158,54 +160,64 @@ def test_the_card_counts_what_is_covered(pressed: Path) -> None:
     assert reading_lines("", []) == []
 
 
-def test_truth_stands_next_to_the_estimates_and_changes_none(
+def estimated(folder: Path, out: Path, **words: Any) -> tuple[dict[str, Any], pa.Table]:
+    """Summary and table of estimates of a folder's pictures."""
+    assert estimate(str(folder / "rest.png"), str(folder), out=out, **words) == 0
+    return json.loads((out / "summary.json").read_text()), pq.read_table(out / "estimates.parquet")
+
+
+OWN: dict[str, Any] = {"calibration": "dome-2022", "fps": 20.0, "reconstructor": "contact"}
+
+
+def test_truth_stands_next_to_the_estimates(
     pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder, bare = pressed / sequence_name(1), tmp_path / "bare"
-    bare.mkdir()
-    for picture in folder.glob("*.png"):
-        shutil.copy(picture, bare)
-    found: dict[str, tuple[dict[str, Any], Path]] = {}
-    said = {}
-    for of in (folder, bare):
-        out = tmp_path / f"of-{of.name}"
-        if of == bare:  # a picture without any marker, for which there is no estimate
-            cv2.imwrite(str(bare / "frame-002.png"), np.zeros((288, 288, 3), np.uint8))
-        words = {"calibration": "dome-2020", "fps": 20.0, "reconstructor": "contact"}
-        assert estimate(str(of / "rest.png"), str(of), out=out, **words) == 0
-        found[of.name] = json.loads((out / "summary.json").read_text()), out / "estimates.parquet"
-        said[of.name] = " ".join(capsys.readouterr().out.split())
-    (summary, table), (other, of_bare) = found[folder.name], found["bare"]
-    assert (summary["fps"], summary["reconstructor"], other["truth"]) == (20.0, "contact", {})
+    folder = pressed / sequence_name(1)
+    summary, table = estimated(folder, tmp_path / "out", **OWN)
+    assert (summary["fps"], summary["reconstructor"]) == (20.0, "contact")
     for name in ("normal_n", "friction_n"):
-        true, value, bared = (
-            pq.read_table(path)[name].to_numpy()
-            for path in (folder / "frames.parquet", table, of_bare)
-        )
-        np.testing.assert_array_equal(value, bared[:2])
-        off = np.sqrt(np.mean((true - value) ** 2))
+        true = pq.read_table(folder / "frames.parquet")[name].to_numpy()
+        off = np.sqrt(np.mean((true - table[name].to_numpy()) ** 2))
         assert summary["truth"][name]["rms_error"] == pytest.approx(off)
         assert off < 0.1 * true.max()
         assert summary["truth"][name]["last"] == true[-1]
-    assert "at the end" in said[folder.name]
-    assert "in frame 1, the last with an estimate" in said["bare"]
-    assert (other["frames"], other["last_estimate"]) == (3, 1)
+    assert "at the end" in " ".join(capsys.readouterr().out.split())
     with pytest.raises(UserError, match="is of another sensor than"):
         estimate(*map(str, (folder / "rest.png", folder)), calibration="thesis")
 
 
 @pytest.mark.data
-def test_a_sequence_tells_its_body_and_pictures_alone_do_not(tiny: Path, tmp_path: Path) -> None:
-    """A read-out of the chain says ±100 % of a silicone dome's forces."""
-    sequence = tiny / "sequence-000002"
-    shutil.copytree(sequence, tmp_path / "bare", ignore=lambda *_: ["scene.toml", "frames.parquet"])
-    doubts = []
-    for folder in (sequence, tmp_path / "bare"):
-        out = tmp_path / f"of-{folder.name}"
-        estimate(str(folder / "rest.png"), str(folder), calibration="thesis", fps=60.0, out=out)
-        doubts.append(json.loads((out / "summary.json").read_text())["reconstructor_doubt"])
-    assert doubts[0] is None
-    assert "--reconstructor contact" in doubts[1]
+def test_pictures_alone_are_read_as_with_their_truth(
+    pressed: Path, tiny: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A read-out of the chain says ±100 % of a silicone dome's forces, which a sequence tells."""
+    for of, words in (
+        (pressed / sequence_name(1), OWN),
+        (tiny / sequence_name(2), {"calibration": "thesis", "fps": 60.0}),
+    ):
+        bare = tmp_path / f"bare-{words['calibration']}"
+        bare.mkdir()
+        for picture in of.glob("*.png"):
+            shutil.copy(picture, bare)
+        first = cv2.imread(str(bare / "rest.png"))
+        assert first is not None
+        cv2.imwrite(str(bare / "frame-999.png"), np.zeros_like(first))  # without any marker
+        (summary, table), (other, of_bare) = (
+            estimated(each, tmp_path / f"{each.name}-{words['calibration']}", **words)
+            for each in (of, bare)
+        )
+        count = len(table)
+        assert table["normal_n"].equals(of_bare["normal_n"][:count])
+        assert (other["truth"], other["frames"], other["last_estimate"]) == (
+            {},
+            count + 1,
+            count - 1,
+        )
+        said = " ".join(capsys.readouterr().out.split())
+        assert f"in frame {count - 1}, the last with an estimate" in said
+        doubts = summary["reconstructor_doubt"], other["reconstructor_doubt"]
+        assert doubts[0] is None
+        assert (words is OWN) or "--reconstructor contact" in doubts[1]
 
 
 @pytest.mark.data

@@ -16,16 +16,13 @@ from chromagrip.dataset.check import check
 from chromagrip.dataset.folder import sequence_name
 from chromagrip.dataset.frozen import digests_of, recorded, seal
 from chromagrip.dataset.make import make
-from chromagrip.dataset.recipe import bodies_of, drawn, load_recipe, scene_of
+from chromagrip.dataset.recipe import load_recipe
 from chromagrip.dataset.sequence import write_sequence
-from chromagrip.render import load_sensor, sensor_names
 
 Typed = Callable[..., subprocess.CompletedProcess[str]]
 BENCHMARK = load_recipe("benchmark-v2")
 #: SHA-256 over the recorded digests of all sequences. Who changes it makes another benchmark.
 DIGEST = "b8eda76423fa9f2df447c22b523e1a6b6671339bf0c4c155937d065af4296738"
-#: Designs that are younger than the benchmark.
-YOUNGER = {"chromatouch-next"}
 
 
 def test_sequences_are_as_they_were_frozen(tmp_path: Path, respelled: Callable[..., None]) -> None:
@@ -63,21 +60,6 @@ def test_the_record_is_of_every_sequence_and_of_no_other() -> None:
     assert len({one["pictures"] for one in record.values()}) == len(record)
     for other in (load_recipe("tiny"), replace(BENCHMARK, seed=3)):
         assert recorded(other) == ("", {})
-
-
-def test_every_design_that_a_body_can_be_made_of_is_there_in_every_case() -> None:
-    designs = {*sensor_names()} - YOUNGER
-    domes = {name for name in designs if not load_sensor(name).shape.flat}
-    found: dict[str, set[str]] = {}
-    for number in range(BENCHMARK.sequences):
-        values = drawn(BENCHMARK, number)
-        found.setdefault(values["case"], set()).add(scene_of(BENCHMARK, number, values).sensor)
-    pads = {case: found.pop(case) for case in ("pad, clean", "pad, worn")}
-    assert set(found) == {f"{body}, {how}" for body in ("chain", "dome") for how in
-                          ("clean", "worn", "jpeg")}  # fmt: skip
-    assert all(sensors == domes for sensors in found.values())
-    assert all(sensors == designs - domes for sensors in pads.values())
-    assert bodies_of(BENCHMARK) == ["chain", "dome"]
 
 
 @pytest.mark.data

@@ -120,30 +120,6 @@ def test_workers_end_with_the_process_that_waits(number, tmp_path, until):
     until(lambda: all(map(gone, workers)), 20.0)
 
 
-GROWING = """
-import sys, time
-from chromagrip.output.processes import map_processes
-
-def work(task):
-    if task == 2:
-        sys.held = b"x" * 400_000_000  # what is global here is copied for each task
-    time.sleep(1.2)
-    return task
-
-if __name__ == "__main__":
-    print(*map_processes(work, range(8), 2, ordered=True))
-"""
-
-
-@pytest.mark.data
-def test_nothing_is_said_of_a_worker_that_has_grown_and_is_replaced(tmp_path):
-    script = tmp_path / "growing.py"
-    script.write_text(GROWING, encoding="utf-8")
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
-    assert done.stdout.split() == [str(task) for task in range(8)]
-    assert done.stderr == ""
-
-
 def test_sigterm_is_an_exit_inside_the_block_only():
     before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
