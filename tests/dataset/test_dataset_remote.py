@@ -18,7 +18,7 @@ from chromagrip.dataset.split import split
 
 fsspec = pytest.importorskip("fsspec")
 TINY = load_recipe("tiny")
-TINY = replace(TINY, sequences=2, scene=TINY.scene | {"duration_s": 0.02, "sensor": "dome-2020"})
+TINY = replace(TINY, sequences=2, scene=TINY.scene | {"duration_s": 0.02})
 
 
 @pytest.fixture(scope="module")

@@ -236,10 +236,10 @@ def test_forces_and_readings_of_a_dome_are_exported(
             np.testing.assert_allclose(values, wanted, rtol=1e-6)
         return
     with tarfile.open(tmp_path / "out" / "frames-000000.tar") as tar:
-        file = tar.extractfile("000001-001.npz")
+        file = tar.extractfile("000000-001.npz")
         assert file is not None
         nodes = np.load(io.BytesIO(file.read()))
-    wanted = sequences[1].markers["node_friction_y_n"][1]
+    wanted = sequences[0].markers["node_friction_y_n"][1]
     assert np.array_equal(nodes["node_friction_y_n"], wanted)
     assert wanted.any()
 

@@ -212,6 +212,10 @@ def test_white_balance_drifts_slowly_within_its_dial() -> None:
     assert abs(drift.mean()) < 5 * 0.2 / np.sqrt(3 * 400)
     # The steepest way from one end to the other: 1.5 · 2 · dial in drift_frames.
     assert abs(np.diff(drift)).max() < 1.5 * 0.4 * 10 / 50
+    # It has no kink where one way ends and the next begins.
+    ends = [[white_balance(defects, 4, 50 * k + i) for i in (0, 1)] for k in range(40)]
+    steps = np.diff([[red / blue for red, blue in pair] for pair in ends])
+    assert abs(steps).max() < 3 * 0.4 / 50**2
     dials = {"white_balance_drift": 0.3, "drift_frames": 7}
     red, blue = white_balance(Defects(**dials), 1, 11)
     np.testing.assert_allclose(gain(index=11, **dials)[100, 100], [red, 1.0, blue], atol=0.006)
