@@ -124,6 +124,11 @@ def test_wishes_are_checked_like_a_file() -> None:
     base = load_scene("dome-1", {"path": "truth", "object.radius_mm": 9.0})
     for name in OBJECTS:
         scene_for(base, replace(slider_values(base), object=name)).build_solid()
+    pulled = replace(slider_values(base), load=0.5, azimuth=30.0, twist=3.0)
+    load = scene_for(base, pulled).load
+    assert load.forces_n == pytest.approx((0.5 * math.cos(math.pi / 6),))
+    assert load.sideways_n == pytest.approx((0.25,))
+    assert load.twists_nmm == pytest.approx((3.0,))
     # Nothing is left of the object before.
     boxed = scene_for(base, replace(slider_values(base), object="box"))
     again = scene_for(boxed, replace(slider_values(base), object="torus"))

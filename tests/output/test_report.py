@@ -35,6 +35,7 @@ def test_only_a_row_with_a_target_has_a_verdict() -> None:
     assert [str(row.target) for row in ROWS] == ["0…1", "≥ 200", "None", "0.9…1.1"]
     assert str(at_most("x", 1.0, "", 2.0).target) == "≤ 2"
     assert str(within("x", 1.0, "", 5, 5).target) == "5"
+    assert within("x", 5.0, "", 5, 5).met
     assert at_least("x", 1.0, "", -math.inf).target is None
     assert at_most("x", 1.0, "", math.inf).met is None
     for value in (math.nan, math.inf, None):  # not measured
