@@ -128,12 +128,12 @@ def _from_arrays(path: Path, most: int) -> Points:
     tracks, visible = found["tracks"].astype(float), found[seen].astype(bool)
     if seen == "occluded":
         visible = ~visible
-    layers = [str(name) for name in np.ravel(found.get("layer", [""] * len(tracks)))]
     if tracks.ndim != 3 or tracks.shape[2] != 2 or visible.shape != tracks.shape[:2]:
         raise UserError(
             f"it has shapes {tracks.shape} and {visible.shape}, expected (points, frames, 2) and "
             "(points, frames)"
         )
+    layers = [str(name) for name in np.ravel(found.get("layer", [""] * len(tracks)))]
     if len(layers) != len(tracks):
         raise UserError(f"its array layer names {len(layers)} of {len(tracks)} points")
     position = np.swapaxes(tracks, 0, 1)

@@ -1,31 +1,38 @@
-"""Damages of strangers' files, drawn by a seed: bytes, keys of JSON, lines of TOML, columns."""
+"""Damages of strangers' files: bytes, keys of JSON, words and lines of text, columns, arrays."""
 
 import json
 import math
 import os
 import random
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from hypothesis import note
 
 #: What a key's value is replaced by; a damage that keeps the type is no damage.
 VALUES: tuple[Any, ...] = (
     None, True, -1, 0, 3, 1e308, 10**30, "x", "", "<script>", [], [1.0], {}, {"a": None}, -0.5,
     {"../../x": "y"}, [[[[[[1]]]]]],
 )  # fmt: skip
+#: What a word of a text is replaced by.
+WORDS = (
+    "", "true", "nan", "-inf", "-1", "0", "3", "1e308", "1e400", "9" * 5000, "1" + "0" * 300,
+    "1e-320", "0x7fffffffffffffff", '"x"', '""', "[]", "{}", "[nan]", "[[1]]", "[" * 3000,
+    "{a = {b = {}}}", "{a: {b: c}}", "1979-05-27", f'"{"a" * 5000}"', '"\\u0000"', "\x1b[2J",
+    "é\u202e", '"nowhere:Class"', '"../../x"', '"/etc/hostname"', "&x", "*x", "<a>", ";", ",", "\0",
+)  # fmt: skip
 #: What a key or a link is called.
 NAMES = ("../../x", "/etc/hostname", "sequence-1", "sequence-000001", "a\nb", "", "sensors/../x")
 #: Types that a column is stored with: of any values, of numbers and of lists.
 KINDS: tuple[Callable[[list[Any]], pa.Array], ...] = (
     lambda v: pa.array([str(x) for x in v]),
-    lambda v: pa.array([str(x).encode() for x in v]),
     lambda v: pa.array([[x] * k for k, x in enumerate(v)]),
     lambda v: pa.array([{"a": x} for x in v]),
-    lambda v: pa.nulls(len(v)),
     lambda v: pa.nulls(len(v), pa.float64()),
     lambda v: pa.array([bool(x) for x in v]),
     lambda v: pa.array([None, *v[1:]]),
@@ -33,21 +40,28 @@ KINDS: tuple[Callable[[list[Any]], pa.Array], ...] = (
     lambda v: pa.array(np.full(len(v), 300_000_000)),
     lambda v: pa.array(np.full(len(v), 3, "timedelta64[s]")),
     lambda v: pa.array([str(x) for x in v]).dictionary_encode(),
-    lambda v: pa.array(np.full(len(v), np.inf)),
     lambda v: pa.array(np.full(len(v), 1e308)),
     lambda v: pa.array(v[::-1]),
 )
 OF_NUMBERS: tuple[Callable[[list[Any]], pa.Array], ...] = (
     lambda v: pa.array(np.asarray(v, float) * (1.0, math.nan, 1e15, -1.0)[len(v) % 4]),
     lambda v: pa.array([*v[:-1], math.nan], pa.float64()),
-    lambda v: pa.array(-np.asarray(v, float)),
     lambda v: pa.array(np.asarray(v, "float32")),
 )
 OF_LISTS: tuple[Callable[[list[Any]], pa.Array], ...] = (
     lambda v: pa.array([x[: 5 + k] for k, x in enumerate(v)]),
-    lambda v: pa.array([x[:4] for x in v]),
     lambda v: pa.array([x[:4] for x in v], pa.list_(pa.array(v[0]).type, 4)),
 )
+
+
+#: What an array of an archive is replaced by.
+ARRAYS: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
+    lambda v: v[:0], lambda v: v[..., None], lambda v: v.T, lambda v: v[:-1],
+    lambda v: v.astype(str), lambda v: v.astype(complex), lambda v: v.astype(object),
+    lambda v: np.zeros(v.shape, "M8[s]"),
+    lambda v: np.full(v.shape, np.nan), lambda v: np.full(v.shape, -1), lambda v: np.zeros(()),
+    lambda v: np.full(v.shape, 1e308), lambda v: np.zeros(v.shape, "V3"), lambda v: v[None],
+)  # fmt: skip
 
 
 def flip(path: Path, draw: random.Random) -> None:
@@ -89,7 +103,9 @@ def linked(path: Path, draw: random.Random) -> None:
 
 def inside(path: Path, draw: random.Random) -> None:
     """Damage what a file says; the file stays one of its kind."""
-    {".json": key, ".toml": line, ".parquet": column}.get(path.suffix, flip)(path, draw)
+    kinds = {".json": key, ".parquet": column, ".npz": array, ".npy": array}
+    kinds |= dict.fromkeys((".toml", ".csv", ".yml", ".yaml", ".xml"), text)
+    kinds.get(path.suffix, flip)(path, draw)
 
 
 def key(path: Path, draw: random.Random) -> None:
@@ -113,12 +129,36 @@ def key(path: Path, draw: random.Random) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def line(path: Path, draw: random.Random) -> None:
+def text(path: Path, draw: random.Random) -> None:
+    """Change some words of a text, or take lines away or put them elsewhere."""
     lines = path.read_text(encoding="utf-8").splitlines()
-    at = draw.randrange(2, len(lines))
-    word = draw.choice(("", "true", "nan", "-1", "1e308", '"x"', "[]", "{}", "[[1]]", "1979-05-27"))
-    lines[at] = f"{lines[at].partition('=')[0]} = {word}" if word else draw.choice(lines)
+    for _ in range(draw.choice((1, 1, 2, 4))):
+        at = draw.randrange(len(lines))
+        found = list(re.finditer(r"[-+.\w]+|\"[^\"]*\"", lines[at]))
+        if found and draw.random() < 0.8:
+            old = draw.choice((found[-1], draw.choice(found)))
+            lines[at] = lines[at][: old.start()] + draw.choice(WORDS) + lines[at][old.end() :]
+        elif len(lines) > 1:
+            one = lines.pop(at)
+            if draw.random() < 0.5:
+                lines.insert(draw.randrange(len(lines)), one)
     path.write_text("\n".join(lines), encoding="utf-8")
+
+
+def array(path: Path, draw: random.Random) -> None:
+    """Change an array of an archive or its name, or take it away; a lone array is changed."""
+    if path.suffix == ".npy":
+        np.save(path, draw.choice(ARRAYS)(np.load(path)))
+        return
+    arrays = dict(np.load(path))
+    name = draw.choice(list(arrays))
+    how = draw.random()
+    if how < 0.7:
+        arrays[name] = draw.choice(ARRAYS)(arrays[name])
+    else:
+        value = arrays.pop(name)
+        arrays |= {draw.choice(("new", "../x", name.upper())): value} if how < 0.85 else {}
+    np.savez(path, **arrays)
 
 
 def column(path: Path, draw: random.Random) -> None:
@@ -145,14 +185,8 @@ def column(path: Path, draw: random.Random) -> None:
 HARMS = (flip, cut, longer, garbage, missing, other_kind, linked)
 
 
-def damage(folder: Path, names: Sequence[str], draw: random.Random) -> str:
-    """Damage one file of a folder; return which, and how.
-
-    Parameters
-    ----------
-    names: files, of which one is damaged inside or as a whole
-    """
-    name = draw.choice(names)
-    harm = inside if draw.random() < 0.5 else draw.choice(HARMS)
-    harm(folder / name, draw)
-    return f"{harm.__name__} {name}"
+def harmed(path: Path, draw: random.Random, share: float = 0.75) -> None:
+    """Damage a file, with that probability inside, else as a whole."""
+    harm = inside if draw.random() < share else draw.choice(HARMS)
+    note(f"{harm.__name__} {path.name}")
+    harm(path, draw)
