@@ -36,42 +36,43 @@ PROMISED = {
 
 
 def test_a_run_leaves_its_folder(tmp_path: Path, typed: Typed) -> None:
-    """By default the next free one."""
-    (tmp_path / "runs/chromatouch-2022-margin-inversion-001").mkdir(parents=True)
-    done = typed("grasp", *QUICK)
-    assert done.returncode == 0, done.stderr
-    assert "safety margin at the end" in done.stdout
-    out = tmp_path / "runs/chromatouch-2022-margin-inversion-002"
-    assert {p.name for p in out.iterdir()} == set(FILES)
-    summary = json.loads((out / "summary.json").read_text())
-    assert summary.keys() >= PROMISED | {"versions"}
-    assert (summary["frames"], summary["complete"]) == (4, True)
-    table = pq.read_table(out / "trace.parquet").to_pydict()
-    assert len(table["time_s"]) == 4
-    assert table["normal_true_n"] != table["normal_estimated_n"]
-    with av.open(str(out / "tactile.mp4")) as video:
-        frames = list(video.decode(video=0))
-        assert video.streams.video[0].codec_context.pix_fmt == "yuv444p"
-    assert len(frames) == 4
-    assert (frames[0].width, frames[0].height) == (1216, 510)
-    assert (out / "figure.png").read_bytes()[:4] == b"\x89PNG"
-
-
-def test_a_filled_folder_is_not_written_over(tmp_path: Path, typed: Typed) -> None:
-    """Unless that is asked for; the flags stand in its scene."""
+    """A filled one is not written over, unless that is asked for; the flags stand in its scene."""
     (tmp_path / "thesis.pdf").write_text("dear to somebody")
     flags = "--controller conservative --path truth --fps 50 --latency 2 --seed 7"
     words = ("grasp", *QUICK, *flags.split(), "--out", str(tmp_path))
     first = typed(*words)
     assert first.returncode == 2
     assert "is not empty; choose another or give --overwrite" in first.stderr
-    forced = typed(*words, "--overwrite", "--json")
-    assert json.loads(forced.stdout).keys() >= PROMISED  # the summary alone
+    done = typed(*words, "--overwrite")
+    assert done.returncode == 0, done.stderr
+    assert "safety margin at the end" in done.stdout
+    assert {p.name for p in tmp_path.iterdir()} == {*FILES, "thesis.pdf"}
     assert (tmp_path / "thesis.pdf").read_text() == "dear to somebody"
-    assert (tmp_path / "summary.json").exists()
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary.keys() >= PROMISED | {"versions"}
+    assert (summary["frames"], summary["complete"]) == (3, True)
+    assert pq.read_metadata(tmp_path / "trace.parquet").num_rows == 3
+    with av.open(str(tmp_path / "tactile.mp4")) as video:
+        frames = list(video.decode(video=0))
+        assert video.streams.video[0].codec_context.pix_fmt == "yuv444p"
+    assert (len(frames), frames[0].width, frames[0].height) == (3, 928, 510)  # no picture
+    assert (tmp_path / "figure.png").read_bytes()[:4] == b"\x89PNG"
     scene = tomllib.loads((tmp_path / "scene.toml").read_text())
     assert (scene["controller"], scene["seed"], scene["duration_s"]) == ("conservative", 7, 0.05)
     assert (scene["camera"]["rate_hz"], scene["camera"]["latency_frames"]) == (50, 2)
+
+
+@pytest.mark.loops
+def test_json_is_the_summary_alone(tmp_path: Path, typed: Typed) -> None:
+    """Through the camera; a folder has the next free name."""
+    done = typed("grasp", *QUICK, "--json")
+    assert json.loads(done.stdout).keys() >= PROMISED
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "runs/chromatouch-2022-margin-inversion-001").mkdir(parents=True)
+    assert typed("grasp", *QUICK).returncode == 0
+    out = tmp_path / "runs/chromatouch-2022-margin-inversion-002"
+    table = pq.read_table(out / "trace.parquet").to_pydict()
+    assert table["normal_true_n"] != table["normal_estimated_n"]
 
 
 MINE = """
@@ -158,7 +159,7 @@ def test_an_interrupted_run_keeps_what_it_had(
     module = ModuleType("hasty")
     module.__dict__["Hasty"] = Hasty
     monkeypatch.setitem(sys.modules, "hasty", module)
-    done = typed("grasp", "--controller", "hasty:Hasty", "--out", out)
+    done = typed("grasp", "--path", "truth", "--controller", "hasty:Hasty", "--out", out)
     assert while_it_ran == {".lock", ".parts", "scene.toml"}  # nothing half-written looks whole
     assert (done.returncode, done.stderr) == (code, f"chromagrip: {told}\n")
     summary = json.loads((out / "summary.json").read_text())

@@ -36,8 +36,6 @@ COMMANDS = {
     "render": ("render", "--grip", "1", "--overwrite"),
     "dataset make": ("dataset", "make", "tiny", "--n", "1", "--workers", "1"),
     "dataset resume": ("dataset", "make", "tiny", "--n", "1", "--workers", "1", "--resume"),
-    "limit": ("limit", "--overwrite"),
-    "stability": ("stability", "track", "--quick", "--overwrite"),
     "reproduce": ("reproduce", "table-2", "--quick", "--overwrite"),
 }
 

@@ -53,11 +53,10 @@ def said(points: Points, true: Points) -> str:
     ("kind", "order", "factor", "more"),
     [
         ("scaled", "xy", (0.5, 0.5), (-0.25, -0.25)),
-        ("scaled", "xy", (2.7, 2.7), (0.0, 0.0)),
         ("scaled", "xy", (256.0 / WIDTH, 256.0 / HEIGHT), (0.0, 0.0)),  # TAP-Vid's size
         ("scaled", "xy", (1.0 / WIDTH, 1.0 / HEIGHT), (0.0, 0.0)),  # parts of the picture
         ("offset", "xy", (1.0, 1.0), (0.5, 0.5)),
-        ("mirrored in y", "xy", (1.0, -1.0), (0.0, BOTTOM)),
+        ("mirrored in x and mirrored in y", "xy", (-1.0, -1.0), (RIGHT, BOTTOM)),
         ("exchanged and mirrored in x", "yx", (1.0, -1.0), (0.0, RIGHT)),
     ],
 )
@@ -147,7 +146,7 @@ def test_other_mistakes_of_a_whole_table_are_named(
     assert re.search(words, doubt), doubt
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_said_about_good_tables(seed: int) -> None:
     """With noise, bias, losses and hidden points, where much, little or nothing moves."""
     draw = np.random.default_rng([seed, 11])

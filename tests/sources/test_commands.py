@@ -79,9 +79,10 @@ WORDS = ("--palette", "dark-dots", "--tracker", "detect")
     ("vanishes", "told"),
     [
         (True, "camera 0 gave no picture after 9 frames"),
-        (False, "frame 9 of camera:0 is 160×110 pixels, the rest frame 160×120"),
+        pytest.param(False, "frame 9 of camera:0 is 160×110 pixels, the rest frame 160×120",
+                     marks=pytest.mark.data),
     ],
-)
+)  # fmt: skip
 def test_a_camera_that_breaks_off_keeps_what_it_gave(
     vanishes: bool, told: str, typed: Typed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -96,6 +97,7 @@ def test_a_camera_that_breaks_off_keeps_what_it_gave(
     assert pq.read_table(folder / "tracks.parquet")["frame"].to_numpy().max() == 8
 
 
+@pytest.mark.data
 def test_badly_delivered_frames_are_counted_and_said(
     typed: Typed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,8 +31,9 @@ MATRIX = "[9, 0, 4, 0, 9, 3, 0, 0, 1]"
 #: Texts of files by their names, and what is said of each.
 ATTACKS = {
     "text.yml": ("hello", "it is no YAML, XML or JSON that OpenCV reads"),
-    "deep.yml": ("a: " + "[" * 5000, "deep.yml"),
-    "deep.json": ('{"a":' * 5000, "deep.json"),
+    "deep.yml": ("a: " + "[" * 100_000, "it is nested too deeply"),  # OpenCV crashes at these
+    "rows.yml": ("a:\n  " + "- " * 200_000, "it is nested too deeply"),
+    "deep.xml": ("<opencv_storage>" + "<a>" * 100_000, "it is nested too deeply"),
     "python.yaml": ("a: !!python/object/apply:os.system ['touch outside/x']", "python.yaml"),
     "bomb.xml": (
         '<!DOCTYPE a [<!ENTITY b "bbbbbbbb"><!ENTITY c "&b;&b;&b;">]><opencv_storage>&c;'

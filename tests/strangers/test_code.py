@@ -77,7 +77,7 @@ def test_no_command_runs_the_code_of_a_scene(
     """Nor with another module allowed; what is imported would leave a file."""
     name = scene_file(key)
     for allowed in ((), ("--allow", "trap.co")):
-        left = ("runs",) if words[0] == "render" else ()  # issue 81: an empty folder
+        left = words[0] == "render"  # issue 81: an empty folder
         done = judged.command(*words, name, *allowed, makes=("runs",), leaves=left)
         assert done.returncode == (0 if words[0] in ("plan", "sweep") else 2)
         assert words[0] == "plan" or "--allow trap.code" in done.stdout + done.stderr
@@ -89,20 +89,22 @@ def test_a_module_allows_itself_and_those_below(other: str) -> None:
     assert marked["scene"]["tracker"] == ("" if other == "trap" else "file:") + "trap.code:C"
 
 
-def test_what_is_allowed_or_typed_is_the_users_own(judged: Judge) -> None:
-    name = scene_file("controller")
-    assert judged.typed("grasp", "--scene", name, "--allow", "trap", "--json").returncode == 0
+def test_what_is_allowed_or_typed_is_the_users_own() -> None:
+    with pytest.raises(UserError, match=r"allow=\('trap.code',\)"):
+        run(scene_file("controller"))
+    assert not imported()
+    run(load_scene("scene.toml", allow=("trap.code",)))
     assert imported()
     Path("trap/was-imported").unlink()
     forget()
-    words = ("--path", "truth", "--controller", "trap.code:C", "--json")
-    assert judged.typed("grasp", "--scene", scene_file("tracker"), *words).returncode == 0
+    run(load_scene(scene_file("tracker"), {"path": "truth", "controller": "trap.code:C"}))
     assert imported()
 
 
 def test_a_run_is_shown_and_not_run(judged: Judge) -> None:
     name = scene_file("controller")
     assert judged.typed("grasp", "--scene", name, "--allow", "trap", "--out", "run").returncode == 0
+    assert imported()
     assert "file:" not in Path("run/scene.toml").read_text()
     Path("trap/was-imported").unlink()
     forget()
@@ -111,15 +113,6 @@ def test_a_run_is_shown_and_not_run(judged: Judge) -> None:
     assert "trap.code:C is code of the folder" in not_repeated(read_run(Path("run")))
     assert not imported()
     assert not not_repeated(read_run(Path("run"), allow=("trap",)))
-
-
-def test_in_python_it_is_the_same() -> None:
-    name = scene_file("controller")
-    with pytest.raises(UserError, match=r"allow=\('trap.code',\)"):
-        run(name)
-    assert not imported()
-    run(load_scene(name, allow=("trap",)))
-    assert imported()
 
 
 @pytest.mark.parametrize(
@@ -136,7 +129,7 @@ def test_a_dataset_runs_no_code_of_a_recipe(judged: Judge, text: str) -> None:
     Path("recipe.toml").write_text(f"sequences = 1\n{text}\n")
     words = ("dataset", "make", "recipe.toml", "--out", "data", "--workers", "1")
     told = "no reading" if "reading" in text else STANDS
-    judged.command(*words, names=told, makes=("data",), leaves=("data",))  # issue 81: recipe.toml
+    judged.command(*words, names=told, makes=("data",), leaves=True)  # issue 81: recipe.toml
     assert judged.refused == 1
 
 

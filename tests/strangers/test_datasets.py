@@ -1,10 +1,11 @@
 """Datasets of strangers: each command answers, or refuses in one sentence and leaves nothing."""
 
-import hashlib
 import importlib
 import json
+import os
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -85,12 +86,12 @@ def harm(data: Path, draw: Random) -> None:
 def test_damaged_datasets_are_read_or_refused(judged: Judge, whole: Path, count: int) -> None:
     def check(draw: Random) -> None:
         with judged.files(whole / draw.choice(list(RECIPES))) as folder:
-            had = (folder / "split.json").exists()
             harm(folder, draw)
             if draw.random() < 0.7:
                 sealed(folder)
-            makes = MAKES[:2] if had or (folder / "split.json").exists() else MAKES
-            judged.command(*draw.choice(COMMANDS), names="given", makes=makes)
+            had = (folder / "split.json").exists()  # which a split replaces
+            words = draw.choice([each for each in COMMANDS if not (had and "split" in each)])
+            judged.command(*words, names="given", makes=MAKES[: 3 - had])
 
     with judged.files(whole / "dome"):
         for words in COMMANDS:
@@ -185,15 +186,14 @@ def test_score_blames_a_broken_truth_and_no_tracker(
     assert judged.refused == 2
 
 
-@few_and_many(5, 150)
-def test_resume_makes_again_what_is_damaged(
-    judged: Judge, whole: Path, monkeypatch: pytest.MonkeyPatch, count: int
-) -> None:
-    """With a manifest and without: the second sequence is damaged, found and put back."""
+@pytest.fixture
+def made(whole: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A dataset of a chain; sequences and their card are made as fast as copies."""
     made = whole / "chain"
 
     def put_back(recipe: bytes, out: str, number: int) -> int:
-        shutil.copytree(made / f"sequence-{number:06d}", Path(out) / f"sequence-{number:06d}")
+        name = f"sequence-{number:06d}"
+        shutil.copytree(made / name, Path(out) / name)
         return number
 
     def card(folder: Path, *_: object) -> None:
@@ -202,33 +202,35 @@ def test_resume_makes_again_what_is_damaged(
 
     monkeypatch.setattr(made_by, "_make", put_back)
     monkeypatch.setattr(made_by, "write_card", card)
+    return made
 
-    def digests(folder: Path) -> dict[str, str]:
-        return {
-            str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
-            for file in folder.rglob("*")
-            if file.is_file()
-        }
 
-    whole_one = digests(made)
+@few_and_many(3, 100)
+def test_resume_makes_again_what_is_damaged(
+    judged: Judge, made: Path, bytes_of: Callable[[Path], dict[str, str]], count: int
+) -> None:
+    """With a manifest and without: the second sequence is damaged, found and put back."""
+    expected = bytes_of(made)
+
+    def mended(folder: Path) -> list[str]:
+        again: list[str] = []
+        make(RECIPES["chain"], folder, resume=True, damaged=again.extend)
+        assert bytes_of(folder) == expected
+        return again
 
     def check(draw: Random) -> None:
         with judged.files(made) as folder:
             if draw.random() < 0.5:
                 (folder / MANIFEST).unlink()
-            name = draw.choice(sorted(path.name for path in (folder / SECOND).iterdir()))
-            before = (folder / SECOND / name).read_bytes()
-            harmed(folder / SECOND / name, draw, 0.3)
-            path = folder / SECOND / name
-            same = path.is_file() and not path.is_symlink() and path.read_bytes() == before
-            again: list[str] = []
+            path = draw.choice(sorted((folder / SECOND).iterdir()))
+            before = path.read_bytes()
+            harmed(path, draw, 0.3)
+            odd = path.is_symlink() or path.is_fifo()
+            same = not odd and path.is_file() and path.read_bytes() == before
             try:
-                make(RECIPES["chain"], folder, resume=True, damaged=again.extend)
+                assert mended(folder) == [SECOND] * (not same)
             except UserError:
-                assert path.is_symlink() or path.is_fifo()
-                return
-            assert again == [SECOND] * (not same), name
-            assert digests(folder) == whole_one
+                assert odd
 
     repeated(check, count)
     for name in (FILES, "new.txt", ""):  # no list, a file too many, and one for the folder
@@ -236,8 +238,32 @@ def test_resume_makes_again_what_is_damaged(
             if not name:
                 shutil.rmtree(folder / SECOND)
             (folder / SECOND / name).write_text("")
-            make(RECIPES["chain"], folder, resume=True)
-            assert digests(folder) == whole_one
+            assert mended(folder) == [SECOND]
+            (folder / SECOND / FILES).unlink()
+            words = ("dataset", "make", made / "recipe.toml", "--out", "given", "--workers", 1)
+            told = judged.typed(*words, "--resume", "--json").stdout
+            assert json.loads(told)["damaged_and_made_again"] == 1
+
+
+def test_what_is_called_whole_was_synced_before(
+    judged: Judge, made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut after the manifest loses nothing."""
+    synced, sync = [], os.fsync
+    with judged.files(made) as folder:
+
+        def noted(handle: int) -> None:
+            sync(handle)
+            path = Path(os.readlink(f"/proc/self/fd/{handle}"))
+            if path.is_relative_to(folder):
+                synced.append(re.sub(r"\.part-\d+-", "", path.relative_to(folder).as_posix()))
+
+        monkeypatch.setattr(os, "fsync", noted)
+        make(RECIPES["chain"], folder, resume=True)
+        files = {file.relative_to(folder).as_posix() for file in folder.rglob("*")}
+        manifest = synced.index(MANIFEST)
+        assert files - {MANIFEST} == set(synced[:manifest])
+        assert synced[manifest + 1 :] == ["."]
 
 
 def test_a_failed_merge_leaves_nothing(

@@ -21,9 +21,10 @@ from chromagrip.sources import open_source, pipe_bytes
 from chromagrip.sources.picture_files import read_picture
 
 from .damages import harmed
-from .judged import Judge, few_and_many, repeated
+from .judged import Judge, Trap, few_and_many, repeated
 
 KINDS = {"png": "PNG", "jpg": "JPEG", "bmp": "BMP", "tif": "TIFF", "webp": "WEBP"}
+WIDE = 30_000
 PICTURES = np.random.default_rng(5).integers(0, 256, (3, 24, 32, 3)).astype(np.uint8)
 
 
@@ -100,9 +101,6 @@ def test_damaged_pictures_are_read_or_refused_in_silence(
     assert judged.refused > count // 4
 
 
-WIDE = 30_000
-
-
 def png_part(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
@@ -139,13 +137,6 @@ def claim(shape: tuple[int, ...], kind: str = "|u1") -> bytes:
     about = {"descr": kind, "fortran_order": False, "shape": shape}
     np.lib.format.write_array_header_1_0(head, about)
     return head.getvalue()
-
-
-class Trap:
-    """Leaves a file where it is unpickled."""
-
-    def __reduce__(self) -> tuple[object, tuple[Path]]:
-        return Path.touch, (Path("outside/was-run"),)
 
 
 def written(data: bytes) -> Callable[[Path], object]:

@@ -14,10 +14,9 @@ import pytest
 from chromagrip.calibrate import presses
 from chromagrip.measure.score.points import read_points
 from chromagrip.sources.frame_list import read_list
-from chromagrip.strange_files import read_arrays
 
 from .damages import harmed
-from .judged import Judge, few_and_many, repeated
+from .judged import Judge, Trap, few_and_many, repeated
 
 FRAMES, MARKERS = 4, 6
 PRESSES = "file,normal_n,lateral_n,torque_nmm,radius_mm\na.png,1.0,0.5,0,0\nb.png,3,0,,4.5\n"
@@ -53,6 +52,8 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(judged: Judge, count: 
             tracks(folder)
             name = draw.choice(sorted(path.name for path in folder.iterdir()))
             harmed(folder / name, draw)
+            if (folder / name).is_fifo():  # a pipe that a user names is read until it ends
+                return
             read(judged, name)
             if draw.random() < 0.1 and name.startswith("tracks"):
                 judged.command("score", f"given/{name}", f"given/{name}", "--json", names=name)
@@ -64,13 +65,6 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(judged: Judge, count: 
     assert judged.refused == 0
     repeated(check, count)
     assert judged.refused > count // 3
-
-
-class Trap:
-    """Leaves a file where it is unpickled."""
-
-    def __reduce__(self) -> tuple[object, tuple[Path]]:
-        return Path.touch, (Path("outside/was-run"),)
 
 
 def claiming(path: Path, shape: tuple[int, ...], held: int, kind: str = "<f8") -> None:
@@ -114,8 +108,5 @@ def test_each_kind_of_attack_is_a_sentence(judged: Judge, name: str) -> None:
     write, told = ATTACKS[name]
     with judged.files() as folder:
         write(folder / name)
-        path = Path("given") / name
-        judged.call(lambda: read_points(path, most=1_000_000), names=told)
-        if name == "claims.npz":
-            judged.call(lambda: read_arrays(path, ["tracks"], 100_000), names=told)
-    assert judged.refused == 1 + (name == "claims.npz")
+        judged.call(lambda: read_points(Path("given") / name, most=1_000_000), names=told)
+    assert judged.refused == 1
