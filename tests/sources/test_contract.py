@@ -1,7 +1,8 @@
 """What every kind of source promises: its frames in order, as written, again and again."""
 
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -245,3 +246,47 @@ def test_a_slow_loop_gets_the_newest_frame_of_a_camera_and_all_of_others(kind: K
     wanted = PICTURES[-1:] if kind.live else PICTURES
     np.testing.assert_array_equal(np.array([frame.image for frame in got]), wanted)
     assert feed.skipped == (len(PICTURES) - 1 if kind.live else 0)
+
+
+def test_a_camera_that_stalls_is_one_sentence() -> None:
+    stop = threading.Event()
+
+    def stalling() -> Iterator[Frame]:
+        yield Frame(image=PICTURES[0], time=0.0)
+        stop.wait(20.0)
+
+    feed = Feed(Source(name="camera:7", frames=stalling, count=None, fps=100.0), 0.2)
+    assert feed.next() is not None
+    with pytest.raises(UserError, match=r"^camera:7 gave no frame within 0\.2 s after 1 frames$"):
+        feed.next()
+    feed.close()
+    stop.set()
+
+
+@pytest.mark.parametrize(
+    ("arrays", "cut", "words", "count"),
+    [
+        ([0.5, PICTURES[0], 0.75, PICTURES[0]], -9, "breaks off after 1 frames", 1),
+        ([0.5, PICTURES[0] / 2.0], None, r"float64 \(24, 32, 3\); wanted: a time, then a pict", 0),
+        ([0.5, PICTURES[0], 0.25, PICTURES[0]], None, "the time 0.25 s, the one before 0.5", 1),
+    ],
+)
+def test_a_pipe_that_gives_no_frame_is_one_sentence(
+    arrays: list[Any], cut: int | None, words: str, count: int, tmp_path: Path
+) -> None:
+    with (tmp_path / "pipe").open("wb") as file:
+        for one in arrays:
+            np.save(file, one)
+    (tmp_path / "pipe").write_bytes((tmp_path / "pipe").read_bytes()[:cut])
+    seen: list[Frame] = []
+    with pytest.raises(UserError, match=words):
+        seen.extend(open_source(f"pipe:{tmp_path / 'pipe'}").frames())
+    assert len(seen) == count
+
+
+def test_names_of_pipes() -> None:
+    with pytest.raises(UserError, match="pipe:/nowhere cannot be read: No such file"):
+        list(open_source("pipe:/nowhere").frames())
+    with pytest.raises(UserError, match=r"expected pipe:FILE or pipe:FILE\(live=true\)"):
+        open_source("pipe:a(live=3)")
+    assert open_source("pipe:a(live=true)").live

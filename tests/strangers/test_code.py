@@ -66,11 +66,12 @@ GRASP = ("grasp", "--out", "out", "--scene")
     [
         *((GRASP, key) for key in ("controller", "renderer", "tracker", "reconstructor")),
         (("render", "--grip", "1", "--scene"), "renderer"),
-        (("sweep", "--seeds", "1", "--workers", "1", "--scene"), "tracker"),
+        pytest.param(("sweep", "--seeds", "1", "--workers", "1", "--scene"), "tracker",
+                     marks=pytest.mark.loops),
         (("live", "--seconds", "0.1"), "controller"),
         (("plan",), "reconstructor"),
     ],
-)
+)  # fmt: skip
 def test_no_command_runs_the_code_of_a_scene(
     judged: Judge, words: tuple[str, ...], key: str
 ) -> None:
