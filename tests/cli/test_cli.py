@@ -20,7 +20,6 @@ from chromagrip.cli.doctor import _caches
 from chromagrip.control import GripCommand
 from chromagrip.extras import EXTRAS
 from chromagrip.loop.run_files import FILES
-from chromagrip.measure.bench.control import SCENES
 from chromagrip.render import load_sensor
 from chromagrip.render.drawing.gl import gl_problem
 from chromagrip.tracking.forces import kept_path
@@ -170,27 +169,6 @@ def test_an_interrupted_run_keeps_what_it_had(
     with av.open(str(out / "tactile.mp4")) as video:
         assert len(list(video.decode(video=0))) in (frames, frames - 1)
     assert (out / "figure.png").exists()
-
-
-@pytest.mark.parametrize(
-    ("command", "words"),
-    [
-        ("list scenes",
-         "thesis camera-100hz margin-30hz margin-60hz dome-1 chromatouch-2020 chromatouch-2022 "
-         "pinch-fill pinch-fragile pinch-lift pinch-offcentre pinch-shake pinch-tilt "
-         + " ".join(SCENES)),
-        ("list sensors",
-         "chromatouch-next dome-2020 dome-2020-printed dome-2022 flat-2019 fovea thesis "
-         "digit-dots gelsight-mini tactip"),
-        ("list controllers",
-         "safety-margin margin-inversion limit-surface react-to-slip conservative"),
-        ("list renderers", "painter pyrender"),
-    ],
-)  # fmt: skip
-def test_lists(command: str, words: str, typed: Typed) -> None:
-    done = typed(*command.split())
-    assert done.returncode == 0
-    assert {line.split()[0] for line in done.stdout.splitlines()} == set(words.split())
 
 
 def test_a_missing_package_does_not_keep_the_doctor_from_naming_it() -> None:

@@ -93,25 +93,6 @@ def test_ctrl_c_while_modules_are_loaded(after_s: float) -> None:
         assert told in ("", "chromagrip: interrupted\n")
 
 
-@pytest.mark.parametrize(
-    ("words", "value"),
-    [
-        ("grasp --scene", "x" * 5000), ("grasp --set", "x y " * 1250), ("grasp", "\u202e"),
-        ("grasp --controller", "'" * 5000), ("grasp --fps", "/" * 5000), ("detect", "\x9b31m"),
-        ("track first", "\x1b[2J\x1b]0;t\x07" * 400), ("render --object", "a\rb\nc"),
-        ("calibrate", "é" * 5000), ("sweep --set", "\u2028"), ("bench", "\x1b[2J"),
-        ("limit --sensor", "'" * 5000), ("report", "x" * 5000), ("score a", "é" * 5000),
-        ("detect a.png --crop", "x y " * 1250), ("grasp --out", "c \udcc3\udca9"),
-    ],
-)  # fmt: skip
-def test_values_are_repeated_shortly_and_harmlessly(words: str, value: str, typed: Typed) -> None:
-    done = typed(*words.split(), value)
-    assert done.returncode == 2
-    assert len(done.stderr) < 2500
-    assert done.stderr.rstrip("\n").isprintable()
-    assert ("is not utf-8 text" in done.stderr) == ("\udcc3" in value)
-
-
 def test_a_message_is_shortened_once() -> None:
     for text in ("a" * 9999, "ab 'c d' " * 999, "\0\x1b", "it's 'short', isn't it? " * 20):
         assert one_line(one_line(text)) == one_line(text)

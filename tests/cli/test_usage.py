@@ -113,6 +113,8 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("grasp none.toml", "scene file none.toml cannot be read: No such file"),
         ("grasp --controller nowhere:C", "controller 'nowhere:C': there is no module nowhere"),
         ("grasp --out /proc/chromagrip", "folder /proc/chromagrip cannot be written"),
+        ("detect 0.png --value-range 5,5", "--value-range 5,5: expected BLACK,WHITE, such as"),
+        ("detect 0.png --value-range a,b", "--value-range a,b: expected BLACK,WHITE, such as"),
         ("live pinch-lift", "the live page shows one finger; this scene is a pinch of two"),
     ],
 )

@@ -12,7 +12,6 @@ from chromagrip import UserError
 from chromagrip.sources import Source, open_source
 
 rosbags = pytest.importorskip("rosbags")
-from mcap.writer import Writer as McapWriter  # noqa: E402
 from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
 
@@ -118,18 +117,6 @@ def test_one_of_several_topics(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(source)[0], PICTURES[1:])
 
 
-def of_foxglove(folder: Path) -> Path:
-    path = folder / "foxglove.mcap"
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start()
-        schema = writer.register_schema("foxglove.CompressedImage", "protobuf", b"")
-        channel = writer.register_channel("/camera", "protobuf", schema)
-        writer.add_message(channel, log_time=1, data=b"\x01", publish_time=1)
-        writer.finish()
-    return path
-
-
 def one(folder: Path, message: Any, **changes: Any) -> Path:
     """Bag of one message with other values."""
     for name, value in changes.items():
@@ -153,9 +140,7 @@ def left(words: str = "", **more: Messages) -> Callable[[Path], str]:
         (left("(topik=/finger/left)"), r"has no argument topik \(did you mean topic\?\); it has"),
         (lambda folder: bag(folder / "bag", info=[(1.0, stamped(0.0))]),
          r"has no pictures \(sensor_msgs/msg/Image or .*\); it has /finger/info \(std_msgs"),
-        (of_foxglove, r"cannot be read as a ROS 2 bag: ReaderError: Profile is not ros2"),
         (changed(encoding="16UC1"), "encoding 16UC1; wanted: rgb8, bgr8, mono8, rgba8, bgra8"),
-        (changed(step=5), r"has 162 bytes for 9×6 pixels of rgb8 in rows of 5"),
         (changed(height=7), r"has 162 bytes for 9×7 pixels"),
         (changed(width=10**6, height=10**6), "megapixels; allowed: 64"),
         (lambda folder: one(folder, compressed(PICTURES[0].astype(np.uint16), "png", 1.0)),

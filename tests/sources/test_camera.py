@@ -147,21 +147,6 @@ def test_what_is_as_good_is_taken(
     next(open_source("camera:0(exposure=120, fps=60)").frames())
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("camera:7", "camera 7 cannot be opened"),
-        ("camera:x", "camera:x: expected a camera's number"),
-        ("camera:0(fps=60", "expected a camera's number, as camera:0 or camera:0"),
-        ("camera:0(fps)", "is not valid TOML"),
-        (
-            "camera:0(exposur=1)",
-            r"has no argument exposur \(did you mean exposure\?\); it has",
-        ),
-        ("camera:0(gain=high)", "gain = 'high'; expected a number"),
-        ("camera:0(width=640)", "width and height go together"),
-    ],
-)
-def test_names_of_cameras_that_are_refused(name: str, words: str) -> None:
-    with pytest.raises(UserError, match=words):
-        next(open_source(name).frames())
+def test_a_camera_that_is_not_there() -> None:
+    with pytest.raises(UserError, match="camera 7 cannot be opened"):
+        next(open_source("camera:7").frames())

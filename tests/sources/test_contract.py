@@ -282,11 +282,3 @@ def test_a_pipe_that_gives_no_frame_is_one_sentence(
     with pytest.raises(UserError, match=words):
         seen.extend(open_source(f"pipe:{tmp_path / 'pipe'}").frames())
     assert len(seen) == count
-
-
-def test_names_of_pipes() -> None:
-    with pytest.raises(UserError, match="pipe:/nowhere cannot be read: No such file"):
-        list(open_source("pipe:/nowhere").frames())
-    with pytest.raises(UserError, match=r"expected pipe:FILE or pipe:FILE\(live=true\)"):
-        open_source("pipe:a(live=3)")
-    assert open_source("pipe:a(live=true)").live

@@ -74,29 +74,6 @@ def test_times_of_an_archive(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "save", "words"),
-    [
-        ("a.npy", lambda p: np.save(p, PICTURES / 255.0), r"has float64 \(12, 4, 7, 3\); wanted"),
-        ("a.npy", lambda p: np.save(p, PICTURES[:, :0]), r"has uint8 \(12, 0, 7, 3\); wanted"),
-        ("a.npy", lambda p: np.save(p, np.asfortranarray(PICTURES)), "columns first; wanted"),
-        ("a.npy", lambda p: (np.save(p, PICTURES), p.write_bytes(p.read_bytes()[:-100])),
-         "a.npy breaks off after 10 of 12 frames$"),
-        ("a.npz", lambda p: np.savez(p, a=PICTURES, b=PICTURES), "has a, b; wanted: an array uint"),
-        ("a.npz", lambda p: np.savez(p, images=PICTURES, times=np.zeros(3)),
-         r"has times float64 \(3,\); wanted: .* times or time_s"),
-        ("a.npz", lambda p: np.savez(p, images=PICTURES, times=-np.arange(12.0)),
-         "frame 1 of .*a.npz has the time -1 s, the one be"),
-    ],
-)  # fmt: skip
-def test_arrays_that_are_no_pictures(
-    name: str, save: Callable[[Path], object], words: str, tmp_path: Path
-) -> None:
-    save(tmp_path / name)
-    with pytest.raises(UserError, match=words):
-        images(tmp_path / name)
-
-
-@pytest.mark.parametrize(
     ("name", "words"),
     [
         ("none.npz", "there is no none.npz; give a picture, a folder of pictures"),
@@ -108,6 +85,14 @@ def test_arrays_that_are_no_pictures(
         ("mine:Own(cont=3)", r"has no argument cont \(did you mean count\?\); it has count, of"),
         ("mine:Own(count=", "expected module:Class"),
         (5, "source 'builtins:int' has no read"),
+        ("camera:x", "camera:x: expected a camera's number"),
+        ("camera:0(fps=60", "expected a camera's number, as camera:0 or camera:0"),
+        ("camera:0(fps)", "is not valid TOML"),
+        ("camera:0(exposur=1)", r"has no argument exposur \(did you mean exposure\?\); it has"),
+        ("camera:0(gain=high)", "gain = 'high'; expected a number"),
+        ("camera:0(width=640)", "width and height go together"),
+        ("pipe:/nowhere", "pipe:/nowhere cannot be read: No such file"),
+        ("pipe:a(live=3)", r"expected pipe:FILE or pipe:FILE\(live=true\)"),
     ],
 )
 def test_what_is_no_source_is_one_sentence(

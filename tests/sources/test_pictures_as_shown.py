@@ -172,26 +172,6 @@ def test_what_is_not_read_is_refused_by_name(
         next(open_source(str(tmp_path)).frames())
 
 
-def test_a_wrong_range_is_refused(typed: Typed) -> None:
-    for given in ("0", "5,5", "nan,1", "a,b"):
-        done = typed("detect", "0.png", "--value-range", given)
-        assert done.returncode == 2
-        assert "expected BLACK,WHITE" in done.stderr
-
-
-def test_a_wide_stack_is_turned_and_scaled_page_by_page(tmp_path: Path) -> None:
-    light = RNG.integers(500, 3300, (4, 24, 32)).astype(np.uint16)
-    note = TiffImagePlugin.ImageFileDirectory_v2()
-    note[0x0112] = 3
-    pages = [Image.fromarray(np.ascontiguousarray(page[::-1, ::-1])) for page in light]
-    for page in pages:
-        page.encoderinfo = {"tiffinfo": note}
-    pages[0].save(tmp_path / "stack.tif", save_all=True, append_images=pages[1:], tiffinfo=note)
-    source = open_source(str(tmp_path / "stack.tif"), value_range=(500.0, 3300.0))
-    found = np.array([frame.image[..., 0] for frame in source.frames()])
-    assert abs(found - (light - 500.0) / 2800.0 * 255.0).max() <= 0.5 + 1e-3
-
-
 @pytest.mark.parametrize(
     ("names", "periods"),
     [

@@ -20,6 +20,7 @@ from chromagrip.render import Frame
 from chromagrip.sources import open_source, pipe_bytes
 from chromagrip.sources.picture_files import read_picture
 
+from ..sources.test_bags import bag, raw
 from .damages import harmed
 from .judged import Judge, Trap, few_and_many, repeated
 
@@ -55,6 +56,8 @@ def good(folder: Path) -> None:
     np.savez(folder / "array.npz", images=PICTURES, times=0.1 * np.arange(3))
     frames = [Frame(image=image, time=0.1 * k) for k, image in enumerate(PICTURES)]
     (folder / "pipe").write_bytes(b"".join(map(pipe_bytes, frames)))
+    messages = [(9.0 + k, raw(image, "bgr8", 5.0 + k)) for k, image in enumerate(PICTURES)]
+    bag(folder / "bag", image=messages)
     (folder / "shots").mkdir()
     for k in range(2):
         saved(folder / f"shots/{k}.png")
@@ -86,7 +89,7 @@ def test_damaged_pictures_are_read_or_refused_in_silence(
         with judged.files(whole) as folder:
             path = folder / name
             if path.is_dir():
-                path = folder / name / draw.choice(("frames.csv", "0.png"))
+                path = draw.choice(sorted(path.iterdir()))
             harmed(path, draw)
             if name == "pipe" and path.is_fifo():  # which is read until it ends
                 return

@@ -2,16 +2,11 @@
 
 import inspect
 import random
-import shlex
-from collections.abc import Callable
 from pathlib import Path
-from subprocess import CompletedProcess
-
-import pytest
 
 from chromagrip.cli.app import COMMANDS
 
-Typed = Callable[..., CompletedProcess[str]]
+from .judged import Judge, few_and_many
 
 #: What is typed for anything.
 ODD = (
@@ -19,7 +14,8 @@ ODD = (
     "", " ", "é", "Γ", "\x1b[31m", "\n", "a=b", "=", "[" * 2000, "{}", "[1,2", "'", '"', "--", "-",
     "None", "true", "../..", "/", ".", "/dev/null", "loop", "loop/x", "a" * 5000, "%s", "$HOME",
     "~", "*", "\u202e", "first:0", "first:99999999999", "camera:999999", "pipe:", "pipe:/dev/null",
-    "auto", "nested.toml", "large.toml", "broken.toml", "binary.toml", "bad.png", "text.png",
+    "auto", "\x9b31m", "a\rb", "\u2028", "c \udcc3\udca9", "nested.toml", "large.toml",
+    "broken.toml", "binary.toml", "bad.png", "text.png",
 )  # fmt: skip
 #: Commands that judge their folder before they compute; `dataset` has a fuzz of its own.
 NAMES = (
@@ -41,18 +37,6 @@ def prepare(folder: Path) -> None:
     (folder / "text.png").write_text("no picture", encoding="utf-8")
 
 
-def check(done: CompletedProcess[str]) -> None:
-    """Done, or refused in one line."""
-    line = shlex.join(done.args)[:300]
-    assert done.returncode in (0, 2), (line, done.stderr)
-    if done.returncode == 2:
-        told = [each for each in done.stderr.splitlines() if "compiling" not in each]
-        assert len(told) == 1, (line, done.stderr)
-        assert told[0].startswith("chromagrip: "), line
-        assert len(told[0]) < 2500, line
-        assert told[0].isprintable(), line
-
-
 def command_line(rng: random.Random) -> list[str]:
     """Command with one to four odd words, mostly values of options that it has."""
     name = rng.choice(NAMES)
@@ -67,10 +51,9 @@ def command_line(rng: random.Random) -> list[str]:
     return words + [w for key in TAKEN if key in options for w in (f"--{key}", TAKEN[key])]
 
 
-@pytest.mark.parametrize(
-    "seeds", [range(40), pytest.param(range(40, 640), marks=pytest.mark.fuzz)], ids=["few", "many"]
-)
-def test_odd_command_lines(seeds: range, typed: Typed, tmp_path: Path) -> None:
-    prepare(tmp_path)
-    for seed in seeds:
-        check(typed(*command_line(random.Random(seed))))
+@few_and_many(30, 600)
+def test_odd_command_lines(judged: Judge, count: int) -> None:
+    prepare(judged.place)
+    for seed in range(count):
+        line = command_line(random.Random(seed))
+        judged.command(*line, makes=("runs",), leaves=line[0] == "render")
