@@ -1,5 +1,6 @@
 """Files are data: a `module:Class` in one is shown, and imported only where its module is named."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +19,7 @@ from chromagrip.scene.scene import dump_scene
 
 from .judged import Judge
 
+WRITTEN = Path(__file__).parents[2] / "fixtures/written-before/chain"
 #: Leaves a file where it is imported; its class is a controller too.
 CODE = """
 from pathlib import Path
@@ -65,7 +67,7 @@ GRASP = ("grasp", "--out", "out", "--scene")
     ("words", "key"),
     [
         *((GRASP, key) for key in ("controller", "renderer", "tracker", "reconstructor")),
-        (("render", "--grip", "1", "--scene"), "renderer"),
+        pytest.param(("render", "--grip", "1", "--scene"), "renderer", marks=pytest.mark.loops),
         pytest.param(("sweep", "--seeds", "1", "--workers", "1", "--scene"), "tracker",
                      marks=pytest.mark.loops),
         (("live", "--seconds", "0.1"), "controller"),
@@ -103,17 +105,14 @@ def test_what_is_allowed_or_typed_is_the_users_own() -> None:
 
 
 def test_a_run_is_shown_and_not_run(judged: Judge) -> None:
-    name = scene_file("controller")
-    assert judged.typed("grasp", "--scene", name, "--allow", "trap", "--out", "run").returncode == 0
-    assert imported()
-    assert "file:" not in Path("run/scene.toml").read_text()
-    Path("trap/was-imported").unlink()
-    forget()
-    assert judged.typed("report", "run").returncode == 0
-    assert "trap.code:C" in Path("run/report.html").read_text()
-    assert "trap.code:C is code of the folder" in not_repeated(read_run(Path("run")))
+    shutil.copytree(WRITTEN, "given")
+    for path in (Path("given/scene.toml"), Path("given/summary.json")):
+        path.write_text(path.read_text().replace('"margin-inversion"', '"trap.code:C"'))
+    assert judged.typed("report", "given").returncode == 0
+    assert "trap.code:C" in Path("given/report.html").read_text()
+    assert "trap.code:C is code of the folder" in not_repeated(read_run(Path("given")))
     assert not imported()
-    assert not not_repeated(read_run(Path("run"), allow=("trap",)))
+    assert not not_repeated(read_run(Path("given"), allow=("trap",)))
 
 
 @pytest.mark.parametrize(

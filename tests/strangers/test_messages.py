@@ -164,6 +164,16 @@ def test_no_message_but_an_allowed_one_reaches_the_controls(gui: Any, count: int
                 assert 0 <= found["part_count"] <= 1000
 
     check()
+    slider = next(u for u, c in known.items() if isinstance(c, viser.GuiSliderHandle))
+    for wrong in (
+        part(upload, "begun", 0, bytes(7)), part(upload, "nobody", 0, b"a"),
+        part(slider, "begun", 0, b"a"), start(slider, "b", 1, 1), start(upload, "begun", 1, 1),
+        start(upload, "b", -1, 1), start(upload, "b", 1, -1), start(upload, "b", 1, 1001),
+        *(CAMERA | {key: math.inf} for key in ("fov", "near", "far")),
+    ):  # fmt: skip
+        assert permitted(pack(wrong), gui) == b"", wrong
+    large = msgspec.msgpack.decode(permitted(pack(start(upload, "b", LARGEST_FILE - 9, 1)), gui))
+    assert (large["size_bytes"], large["part_count"]) == (0, 0)  # which the page refuses by name
     for message in GARBAGE:
         assert permitted(message, gui) == b""
     for uuid, control in known.items():
