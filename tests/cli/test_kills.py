@@ -93,7 +93,7 @@ def killed(
 
 def test_kills_of_a_dataset(tmp_path: Path, killing: Killing, bytes_of: Digests) -> None:
     make = "dataset make tiny --workers 1 --n 2 --json --out"
-    for _, out in killed(killing, make, tmp_path, 24, seed=1):
+    for _, out in killed(killing, make, tmp_path, 12, seed=1):
         if (out / MANIFEST).exists():
             assert check(out) == 2
         elif out.exists():
@@ -112,7 +112,7 @@ def computed(files: dict[str, str]) -> dict[str, str]:
 @pytest.mark.parametrize("scene", ["camera-100hz", "pinch-lift"])
 def test_kills_of_a_grasp(scene: str, tmp_path: Path, killing: Killing, bytes_of: Digests) -> None:
     run = f"grasp --scene {scene} --path truth --set duration_s=0.3 --frames png --out"
-    for ended, out in killed(killing, run, tmp_path, 6, seed=2):
+    for ended, out in killed(killing, run, tmp_path, 4, seed=2):
         if (out / "summary.json").exists():
             read_run(out)
             assert json.loads((out / "summary.json").read_text())["complete"]
@@ -126,7 +126,7 @@ def test_kills_of_a_grasp(scene: str, tmp_path: Path, killing: Killing, bytes_of
 def test_kills_of_a_sweep(tmp_path: Path, killing: Killing, bytes_of: Digests) -> None:
     sweep = "sweep --path truth --set duration_s=0.1 --vary object.friction=0.3,0.4,0.5 --seeds 2"
     run = f"{sweep} --workers 1 --out"
-    for _, out in killed(killing, run, tmp_path, 8, seed=3):
+    for _, out in killed(killing, run, tmp_path, 6, seed=3):
         finished = (out / "runs.csv").exists() and not (out / "unfinished.jsonl").exists()
         assert killing(f"{run} {out}" + " --overwrite" * finished) == 0
         assert bytes_of(out)["runs.csv"] == bytes_of(tmp_path / "whole")["runs.csv"]

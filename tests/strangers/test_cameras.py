@@ -42,6 +42,10 @@ ATTACKS = {
     ),
     "aliases.yaml": ("a: &a [1, 1]\nb: &b [*a, *a]\nc: [*b, *b]\n", "aliases.yaml"),
     "zip.npz": ("hello", "it cannot be read: File is not a zip file"),
+    "list.json": (
+        f'{{"K": {MATRIX}, "D": [1], "distortion_model": [1], "image_size": [9, 9]}}',
+        "distortion_model [1.0] is none of ours",
+    ),
     "key.yml": ("d: [1]", "it has no matrix: none of the keys camera_mat"),
     "words.json": ('{"K": [["x"]], "D": [1]}', "is no list of numbers"),
     "few.json": ('{"K": [1, 2], "D": [1]}', "has 2 numbers; allowed: 9"),

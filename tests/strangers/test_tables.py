@@ -52,7 +52,7 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(judged: Judge, count: 
             tracks(folder)
             name = draw.choice(sorted(path.name for path in folder.iterdir()))
             harmed(folder / name, draw)
-            if (folder / name).is_fifo():  # a pipe that a user names is read until it ends
+            if name == "frames.csv" and not (folder / name).is_file():  # then there is no list
                 return
             read(judged, name)
             if draw.random() < 0.1 and name.startswith("tracks"):

@@ -99,6 +99,8 @@ def read_points(path: Path, kind: str = "tracks", most: int = MOST_ROWS) -> Poin
     with located(f"{kind} {path}"):
         if path.suffix not in SUFFIXES:
             raise UserError(f"expected a file that ends in {', '.join(SUFFIXES)}")
+        if path.is_fifo() or path.is_char_device():  # it may never end
+            raise UserError("it is no file")
         if path.suffix == ".npz":
             try:
                 return _from_arrays(path, most)
