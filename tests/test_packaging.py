@@ -10,8 +10,6 @@ import tarfile
 import tomllib
 import venv
 import zipfile
-from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -90,19 +88,17 @@ def unlinked(tmp_path: Path) -> Path:
 def python(clone: Path, *arguments: str) -> CompletedProcess[str]:
     """Run Python on the code of a clone."""
     return subprocess.run(
-        [sys.executable, "-P", *arguments],
-        cwd=clone,
+        [sys.executable, "-P", *arguments], cwd=clone, capture_output=True, text=True, check=False,
         env=os.environ | {"PYTHONPATH": str(clone / "src")},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    )  # fmt: skip
 
 
+@pytest.mark.environments
 def test_the_wheel_holds_every_file(wheel: Path) -> None:
     assert files_of_the_package() - set(held(wheel)) == set()
 
 
+@pytest.mark.environments
 @needs_git
 def test_a_wheel_is_whole_from_a_clone_without_links(unlinked: Path, tmp_path: Path) -> None:
     linked = tmp_path / "linked"
@@ -118,6 +114,7 @@ def test_a_wheel_from_the_source_distribution_is_the_same(wheel: Path, tmp_path:
     assert held(build(unpacked, tmp_path / "wheel")) == held(wheel)
 
 
+@pytest.mark.environments
 @needs_git
 def test_a_build_without_a_stage_is_refused(unlinked: Path) -> None:
     shutil.rmtree(unlinked / "control")
@@ -131,15 +128,14 @@ def test_a_build_without_a_stage_is_refused(unlinked: Path) -> None:
 
 @needs_git
 def test_a_clone_without_links_says_what_to_do_in_one_sentence(unlinked: Path) -> None:
-    for arguments in (["-m", "chromagrip"], ["-m", "chromagrip", "grasp", "--json"]):
-        done = python(unlinked, *arguments)
+    for words in ([], ["grasp", "--json"]):
+        done = python(unlinked, "-m", "chromagrip", *words)
         assert done.returncode == 2
         (sentence,) = done.stderr.splitlines()
         assert sentence.startswith("chromagrip: the checkout has no symbolic links")
         assert MEND in sentence
-    for code in ("import chromagrip.model", "import chromagrip; chromagrip.run"):
-        done = python(unlinked, "-c", code)
-        assert done.stderr.splitlines()[-1].startswith("ImportError: the checkout has no symbolic")
+    done = python(unlinked, "-c", "import chromagrip; chromagrip.run")
+    assert done.stderr.splitlines()[-1].startswith("ImportError: the checkout has no symbolic")
     done = subprocess.run(["./run", "test"], cwd=unlinked, capture_output=True, text=True)
     assert done.returncode == 2
     (sentence,) = done.stderr.splitlines()
@@ -150,6 +146,7 @@ def test_a_clone_without_links_says_what_to_do_in_one_sentence(unlinked: Path) -
     assert f"mend: {MEND}" in doctor.stdout
 
 
+@pytest.mark.environments
 @needs_git
 def test_the_command_that_is_named_makes_the_links(unlinked: Path) -> None:
     command, _, _ = MEND.partition(" (")
@@ -198,16 +195,7 @@ print(json.dumps(ended))
 """
 
 
-def without_extras(folder: Path, *commands: Sequence[str]) -> list[CompletedProcess[str]]:
-    """Run commands where no package of an extra can be imported."""
-    told = json.dumps([OPTIONAL, *commands])
-    command = [sys.executable, "-P", "-c", WITHOUT, told]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    return [CompletedProcess(*one) for one in json.loads(done.stdout)]
-
-
+Ended = CompletedProcess[str]
 #: Refusals of commands that need an extra.
 REFUSED = {
     ("grasp", "--log", "mcap", "--out", "new"): (
@@ -224,23 +212,22 @@ REFUSED = {
 DOCTOR = ("doctor", "--json"), ("doctor",)
 
 
-def quick_grasp(path: str) -> tuple[str, ...]:
-    return ("grasp", "--path", path, "--set", "duration_s=0.05", "--json")
-
-
-@dataclass(frozen=True)
-class Bare:
-    """Commands that were run by one process without extras, and the folder they ran in."""
-
-    folder: Path
-    ended: dict[tuple[str, ...], CompletedProcess[str]]
+GRASPS = tuple(
+    ("grasp", "--path", path, "--set", "duration_s=0.05", "--json") for path in ("truth", "camera")
+)
 
 
 @pytest.fixture(scope="module")
-def bare(tmp_path_factory: pytest.TempPathFactory) -> Bare:
+def bare(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[tuple[str, ...], Ended]]:
+    """A folder, and commands that ran in it in one process without extras."""
     folder = tmp_path_factory.mktemp("bare")
-    commands = (*REFUSED, *DOCTOR, quick_grasp("camera"))
-    return Bare(folder, dict(zip(commands, without_extras(folder, *commands), strict=True)))
+    commands = (*REFUSED, *DOCTOR, *GRASPS)
+    told = json.dumps([OPTIONAL, *commands])
+    command = [sys.executable, "-P", "-c", WITHOUT, told]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    ended = [Ended(*one) for one in json.loads(done.stdout)]
+    return folder, dict(zip(commands, ended, strict=True))
 
 
 def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
@@ -254,25 +241,18 @@ def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
         assert brought <= wanted
 
 
-@pytest.mark.parametrize(
-    "path", [pytest.param("truth", marks=[pytest.mark.environments]), "camera"]
-)
-def test_a_grasp_in_memory_needs_no_extra(path: str, bare: Bare, tmp_path: Path) -> None:
-    words = quick_grasp(path)
-    done = bare.ended.get(words) or without_extras(tmp_path, words)[0]
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["path"] == path
-
-
-def test_what_needs_an_extra_is_refused_before_anything_runs(bare: Bare) -> None:
+def test_without_extras_a_grasp_in_memory_runs_and_the_rest_is_refused_before_it_begins(
+    bare: tuple[Path, dict[tuple[str, ...], Ended]],
+) -> None:
+    folder, ended = bare
+    for words in GRASPS:
+        assert ended[words].returncode == 0, ended[words].stderr
+        assert json.loads(ended[words].stdout)["path"] == words[2]
     for words, sentence in REFUSED.items():
-        done = bare.ended[words]
+        done = ended[words]
         assert (done.returncode, done.stderr.strip()) == (2, f"chromagrip: {sentence}")
-    assert list(bare.folder.iterdir()) == []
-
-
-def test_the_doctor_names_missing_extras_and_is_content(bare: Bare) -> None:
-    done, read = (bare.ended[words] for words in DOCTOR)
+    assert list(folder.iterdir()) == []
+    done, read = (ended[words] for words in DOCTOR)
     assert done.returncode == 0
     checks = {check["name"].split(",")[0]: check for check in json.loads(done.stdout)}
     for name in EXTRAS:
@@ -298,9 +278,6 @@ def test_extras_that_are_there_are_imported(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(UserError, match=r"^a part needs the extra `mesh`: pip install"):
         require("images", "mesh", purpose="a part")
-
-
-# Slow
 
 
 @pytest.mark.environments

@@ -24,21 +24,16 @@ TIP = Fingertip()
 FLAT = ContactObject()
 
 
-def press(tip: Fingertip, obj: ContactObject, grip: float) -> State:
-    """First 20 ms in small steps: what the friction remembers is how the contact grew."""
-    state = rest_state(tip)
-    for _ in range(1000):
-        state = step(tip, obj, state, 2e-5, grip, 0.0)
-    return state
-
-
 def settle(
     obj: ContactObject, grip: float, load: float, tip: Fingertip = TIP
 ) -> tuple[State, ForceField]:
-    """Press for 0.1 s, then load for 1.5 s."""
-    state = press(tip, obj, grip)
-    for k in range(320):
-        state = step(tip, obj, state, 5e-3, grip, load if k >= 20 else 0.0)
+    """Press for 0.12 s, the first 20 ms in small steps, as friction remembers how contact grew.
+
+    Then load for 1.5 s.
+    """
+    early = steps(tip, obj, rest_state(tip), 2e-5, np.tile([grip, 0.0], (1000, 1))).state(-1)
+    forces = np.array([[grip, 0.0]] * 20 + [[grip, load]] * 300)
+    state = steps(tip, obj, early, 5e-3, forces).state(-1)
     return state, contact_forces(tip, obj, state)
 
 
@@ -79,20 +74,7 @@ def test_steps_in_one_go_are_the_steps_one_by_one() -> None:
     assert slips[-1].rigid_slip > 1e-4
 
 
-def test_too_much_load_slides_at_the_speed_of_the_drag() -> None:
-    """Full slip: the drag takes what friction leaves, v = (F − µ·Fn)/c."""
-    state = rest_state(TIP)
-    for _ in range(100):
-        state = step(TIP, FLAT, state, 5e-3, 0.5, 0.65)
-    before = state.deformation.object_position
-    state = step(TIP, FLAT, state, 5e-3, 0.5, 0.65)
-    field = contact_forces(TIP, FLAT, state)
-    speed = (state.deformation.object_position - before) / 5e-3
-    assert speed == pytest.approx((0.65 - 0.5 * field.normal.sum()) / FLAT.drag, rel=1e-3)
-    assert field.safety_margin(0.5) == pytest.approx(0.0, abs=1e-6)
-
-
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(
     st.lists(
         st.tuples(st.floats(0.0, 10.0), st.floats(-3.0, 3.0), st.sampled_from([1e-4, 1e-3, 1e-2])),
@@ -133,26 +115,3 @@ def test_finer_chain_agrees() -> None:
     _, fine = settle(FLAT, 2.0, 0.5, tip=Fingertip(nodes=501))
     assert fine.total_normal == pytest.approx(coarse.total_normal, rel=0.01)
     assert fine.safety_margin(0.5) == pytest.approx(coarse.safety_margin(0.5), abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        (
-            {"stiffness": -1.0},
-            "object stiffness must be finite and above 0 and at most 1e.09 N/m, got -1.0",
-        ),
-        ({"friction": float("nan")}, "friction coefficient .* got nan"),
-        ({"curvature": 1e6}, "object curvature must lie in -1000…1000 1/m"),
-    ],
-)
-def test_bad_objects_are_named(changes: dict[str, float], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        ContactObject(**changes)
-
-
-def test_bad_fingertips_and_steps_are_named() -> None:
-    with pytest.raises(ValueError, match="must be odd"):
-        Fingertip(nodes=250)
-    with pytest.raises(ValueError, match="dt > 0"):
-        step(TIP, FLAT, rest_state(TIP), 0.0, 1.0, 0.0)

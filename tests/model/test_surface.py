@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from benchmarks.model.integrators import integrate
-from chromagrip.errors import UserError
 from chromagrip.model import (
     ContactObject,
     Drive,
@@ -18,7 +17,6 @@ from chromagrip.model import (
     node_friction,
     simulate,
     step,
-    touching,
 )
 
 TIP = Fingertip(nodes=101)
@@ -101,8 +99,7 @@ def test_without_friction_only_a_surface_that_travels_pushes_its_object(surface:
         assert abs(moved) < 1e-6 * 1e-4 / obj.drag
 
 
-@pytest.mark.parametrize("method", ["euler", "lagged"])
-def test_other_methods_slide_a_surface_that_stays_alike(method: str) -> None:
+def test_an_independent_method_slides_a_surface_that_stays_alike() -> None:
     tip = Fingertip(nodes=21)
     obj = ContactObject(stiffness=300.0, curvature=100.0, friction=0.2, drag=1.0, surface="stays")
     t = np.linspace(0.0, 4e-3, 201)
@@ -114,22 +111,10 @@ def test_other_methods_slide_a_surface_that_stays_alike(method: str) -> None:
         return integrate(how, tip, obj, drive, dt=dt, duration=4e-3, every=every)
 
     fine = final(obj, 1e-6, "implicit")
-    found = final(obj, 2e-6, method)
+    found = final(obj, 2e-6, "euler")
     other = final(replace(obj, surface="travels"), 1e-5, "implicit")
     assert fine.pose[-1, 1] > 0.2e-3
     scale = abs(fine.nodes[-1]).max()
     assert abs(found.nodes[-1] - fine.nodes[-1]).max() < 2e-3 * scale
     assert found.pose[-1, 1] == pytest.approx(fine.pose[-1, 1], rel=2e-3)
     assert abs(other.nodes[-1] - fine.nodes[-1]).max() > 1e-2 * scale
-
-
-def test_touching_nodes_are_those_that_carry() -> None:
-    run = dragged(BALL)
-    found = touching(TIP, BALL, run)
-    for k in range(len(run)):
-        assert (found[k] == contact_forces(TIP, BALL, run.state(k)).contact).all()
-
-
-def test_another_surface_is_refused() -> None:
-    with pytest.raises(UserError, match="surface must be one of travels, stays, got 'rolls'"):
-        ContactObject(surface="rolls")  # type: ignore[arg-type]

@@ -1,0 +1,117 @@
+"""What is computed twice has the same bytes, in this process and in another with other hashes.
+
+Digests are not stored, for BLAS of another processor changes the last bits. What was computed
+before is in `fixtures`: see `test_written_before` and `render/test_golden`.
+"""
+
+import hashlib
+import json
+import os
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from chromagrip import Result, load_scene, run, scene_names
+from chromagrip.dataset.folder import MANIFEST, sequence_name
+from chromagrip.dataset.make import make
+from chromagrip.dataset.recipe import load_recipe
+from chromagrip.render import RENDERERS, gl_problem, load_sensor, open_renderer, sensor_names
+
+GOLDEN = Path(__file__).parents[1] / "fixtures/golden/make.py"
+TINY = replace(load_recipe("tiny"), sequences=2)
+#: Ends of the names of a run's files that hold no speed of this machine.
+TIMELESS = (".parquet", ".png", ".toml")
+#: Renderers that this machine has.
+THERE = [name for name in RENDERERS.entries if name != "pyrender" or gl_problem() is None]
+
+
+def digest(*parts: bytes) -> str:
+    return hashlib.sha256(b"".join(parts)).hexdigest()
+
+
+def of_run(result: Result) -> str:
+    columns = result.trace.columns
+    return digest(*(name.encode() + column.tobytes() for name, column in columns.items()))
+
+
+def of_folder(folder: Path, ends: tuple[str, ...] = ("",)) -> str:
+    """Of names and bytes of all files below a folder."""
+    files = [f for f in sorted(folder.rglob("*")) if f.is_file() and f.name.endswith(ends)]
+    return digest(*(f.relative_to(folder).as_posix().encode() + f.read_bytes() for f in files))
+
+
+def short(name: str, frames: int, **changes: object) -> Result:
+    """Run of the first frames of a scene."""
+    rate = load_scene(name).camera.rate_hz
+    out = changes.pop("out", None)
+    scene = load_scene(name, {"duration_s": (frames - 0.5) / rate, **changes})
+    return run(scene, out, frames="png" if out else None)  # type: ignore[arg-type]
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """Of what is computed in a short time; files go into a folder."""
+    found = {
+        f"scene {name}": of_run(short(name, 4 if name.startswith("pinch") else 8, path="truth"))
+        for name in scene_names()
+    }
+    found["camera of a dome"] = of_run(short("chromatouch-2022", 4, out=folder / "run"))
+    found["folder of a run"] = of_folder(folder / "run", TIMELESS)
+    found["camera of a chain"] = of_run(short("margin-60hz", 4))
+    drawn = runpy.run_path(str(GOLDEN))
+    for name in sensor_names():
+        found[f"design {name}"] = digest(drawn["picture"](name).tobytes())
+    for name in THERE:
+        renderer = open_renderer(name, load_sensor("thesis"))
+        found[f"renderer {name}"] = digest(renderer.render(drawn["dented"]("thesis")).tobytes())
+        renderer.close()
+    make(TINY, folder / "data")
+    found["dataset"] = of_folder(folder / "data")
+    return found
+
+
+@pytest.fixture(scope="module")
+def computed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    folder = tmp_path_factory.mktemp("golden")
+    return folder, digests(folder)
+
+
+def test_another_process_computes_the_same_bytes(
+    computed: tuple[Path, dict[str, str]], tmp_path: Path
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-P", __file__, str(tmp_path)], env=os.environ | {"PYTHONHASHSEED": "7"},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == computed[1]
+
+
+def test_digests_are_of_what_they_say(computed: tuple[Path, dict[str, str]]) -> None:
+    _, found = computed
+    assert found["renderer painter"] == found["design thesis"]
+    assert len({found[f"design {name}"] for name in sensor_names()}) == len(sensor_names())
+    assert of_run(short("margin-60hz", 4, seed=1)) != found["camera of a chain"]
+
+
+def test_workers_and_a_resumed_run_make_the_same_dataset(
+    computed: tuple[Path, dict[str, str]], tmp_path: Path
+) -> None:
+    folder, found = computed
+    make(TINY, tmp_path / "two", workers=2)
+    assert of_folder(tmp_path / "two") == found["dataset"]
+    shutil.copytree(folder / "data", tmp_path / "killed")
+    (tmp_path / "killed" / MANIFEST).unlink()
+    shutil.rmtree(tmp_path / "killed" / sequence_name(1))
+    make(TINY, tmp_path / "killed", resume=True)
+    assert of_folder(tmp_path / "killed") == found["dataset"]
+    make(replace(TINY, seed=1), tmp_path / "other")
+    assert of_folder(tmp_path / "other") != found["dataset"]
+
+
+if __name__ == "__main__":
+    print(json.dumps(digests(Path(sys.argv[1]))))
