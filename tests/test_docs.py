@@ -68,11 +68,15 @@ def test_links_lead_somewhere() -> None:
                 assert part in map(anchor, headings), f"{page.name} links to {target}"
 
 
-def test_the_index_lists_every_page() -> None:
+def test_the_index_lists_every_page_and_architecture_every_room() -> None:
     index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
     found = (ROOT / "docs").rglob("*.md")
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in found} - {"README.md"}
     assert {page for page in pages if f"]({page})" not in index} == set()
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    paths = [path for path in (ROOT / "src/chromagrip").iterdir() if path.name[0] not in "_."]
+    rooms = {path.stem for path in paths if path.is_dir() or path.suffix == ".py"}
+    assert {room for room in rooms if f"`{room}`" not in text} == set()
 
 
 def words_of(page: Path) -> int:
@@ -123,13 +127,6 @@ def test_commands_and_flags_exist(typed: Typed) -> None:
             for flag in re.findall(r"(?<!\S)--[a-z][a-z-]*", " ".join(words)):
                 assert re.search(rf"{flag}\b", helps[key]), f"{page.name}: {key} {flag}"
     assert len(helps) > 20
-
-
-def test_the_page_on_architecture_names_every_room() -> None:
-    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
-    paths = [path for path in (ROOT / "src/chromagrip").iterdir() if path.name[0] not in "_."]
-    rooms = {path.stem for path in paths if path.is_dir() or path.suffix == ".py"}
-    assert {room for room in rooms if f"`{room}`" not in text} == set()
 
 
 def scene_keys(kind: type, prefix: str = "") -> Iterator[str]:

@@ -1,25 +1,21 @@
-"""What is computed twice has the same bytes, in this process and in another with other hashes.
+"""What two processes compute has the same bytes, whatever the hashes of their texts.
 
 Digests are not stored, for BLAS of another processor changes the last bits. What was computed
 before is in `fixtures`: see `test_written_before` and `render/test_golden`.
 """
 
 import hashlib
-import json
-import os
 import runpy
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
-import pytest
 from msgspec.structs import replace
 
 from chromagrip import Result, load_scene, run, scene_names
 from chromagrip.dataset.folder import MANIFEST, sequence_name
 from chromagrip.dataset.make import make
 from chromagrip.dataset.recipe import load_recipe
+from chromagrip.output.processes import map_processes
 from chromagrip.render import RENDERERS, gl_problem, load_sensor, open_renderer, sensor_names
 
 GOLDEN = Path(__file__).parents[1] / "fixtures/golden/make.py"
@@ -69,49 +65,29 @@ def digests(folder: Path) -> dict[str, str]:
         renderer = open_renderer(name, load_sensor("thesis"))
         found[f"renderer {name}"] = digest(renderer.render(drawn["dented"]("thesis")).tobytes())
         renderer.close()
-    make(TINY, folder / "data")
-    found["dataset"] = of_folder(folder / "data")
     return found
 
 
-@pytest.fixture(scope="module")
-def computed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
-    folder = tmp_path_factory.mktemp("golden")
-    return folder, digests(folder)
+def test_two_processes_compute_the_same_bytes(tmp_path: Path) -> None:
+    folders = [tmp_path / "one", tmp_path / "other"]
+    one, other = map_processes(digests, folders, workers=2, ordered=True)
+    assert one == other
+    # They are digests of something.
+    assert one["renderer painter"] == one["design thesis"]
+    assert len({one[f"design {name}"] for name in sensor_names()}) == len(sensor_names())
+    assert of_run(short("margin-60hz", 4, seed=1)) != one["camera of a chain"]
 
 
-def test_another_process_computes_the_same_bytes(
-    computed: tuple[Path, dict[str, str]], tmp_path: Path
-) -> None:
-    done = subprocess.run(
-        [sys.executable, "-P", __file__, str(tmp_path)], env=os.environ | {"PYTHONHASHSEED": "7"},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout) == computed[1]
-
-
-def test_digests_are_of_what_they_say(computed: tuple[Path, dict[str, str]]) -> None:
-    _, found = computed
-    assert found["renderer painter"] == found["design thesis"]
-    assert len({found[f"design {name}"] for name in sensor_names()}) == len(sensor_names())
-    assert of_run(short("margin-60hz", 4, seed=1)) != found["camera of a chain"]
-
-
-def test_workers_and_a_resumed_run_make_the_same_dataset(
-    computed: tuple[Path, dict[str, str]], tmp_path: Path
-) -> None:
-    folder, found = computed
+def test_workers_and_a_resumed_run_make_the_same_dataset(tmp_path: Path) -> None:
+    make(TINY, tmp_path / "one")
+    found = of_folder(tmp_path / "one")
     make(TINY, tmp_path / "two", workers=2)
-    assert of_folder(tmp_path / "two") == found["dataset"]
-    shutil.copytree(folder / "data", tmp_path / "killed")
-    (tmp_path / "killed" / MANIFEST).unlink()
-    shutil.rmtree(tmp_path / "killed" / sequence_name(1))
-    make(TINY, tmp_path / "killed", resume=True)
-    assert of_folder(tmp_path / "killed") == found["dataset"]
-    make(replace(TINY, seed=1), tmp_path / "other")
-    assert of_folder(tmp_path / "other") != found["dataset"]
-
-
-if __name__ == "__main__":
-    print(json.dumps(digests(Path(sys.argv[1]))))
+    assert of_folder(tmp_path / "two") == found
+    (tmp_path / "two" / MANIFEST).unlink()
+    shutil.rmtree(tmp_path / "two" / sequence_name(1))
+    make(TINY, tmp_path / "two", resume=True)
+    assert of_folder(tmp_path / "two") == found
+    make(replace(TINY, sequences=1, seed=1), tmp_path / "other")
+    assert of_folder(tmp_path / "other" / sequence_name(0)) != of_folder(
+        tmp_path / "one" / sequence_name(0)
+    )

@@ -94,11 +94,6 @@ def python(clone: Path, *arguments: str) -> CompletedProcess[str]:
 
 
 @pytest.mark.environments
-def test_the_wheel_holds_every_file(wheel: Path) -> None:
-    assert files_of_the_package() - set(held(wheel)) == set()
-
-
-@pytest.mark.environments
 @needs_git
 def test_a_wheel_is_whole_from_a_clone_without_links(unlinked: Path, tmp_path: Path) -> None:
     linked = tmp_path / "linked"
@@ -107,7 +102,10 @@ def test_a_wheel_is_whole_from_a_clone_without_links(unlinked: Path, tmp_path: P
 
 
 @pytest.mark.environments
-def test_a_wheel_from_the_source_distribution_is_the_same(wheel: Path, tmp_path: Path) -> None:
+def test_a_wheel_holds_every_file_also_from_the_source_distribution(
+    wheel: Path, tmp_path: Path
+) -> None:
+    assert files_of_the_package() - set(held(wheel)) == set()
     with tarfile.open(build(ROOT, tmp_path, "sdist")) as packed:
         packed.extractall(tmp_path, filter="data")
     (unpacked,) = (path for path in tmp_path.iterdir() if path.is_dir())
@@ -172,9 +170,6 @@ def test_version_and_public_names() -> None:
         assert (done.returncode, done.stdout) == (0, f"chromagrip {PROJECT['version']}\n")
 
 
-# Extras
-
-
 #: Runs the commands that it is told, one after the other, where some modules are not.
 WITHOUT = """
 import contextlib, io, json, sys
@@ -190,12 +185,11 @@ for words in commands:
             main()
         except SystemExit as end:
             code = end.code or 0
-    ended.append([words, code, out.getvalue(), err.getvalue()])
+    ended.append([words, words, code, out.getvalue(), err.getvalue()])
 print(json.dumps(ended))
 """
 
 
-Ended = CompletedProcess[str]
 #: Refusals of commands that need an extra.
 REFUSED = {
     ("grasp", "--log", "mcap", "--out", "new"): (
@@ -217,19 +211,6 @@ GRASPS = tuple(
 )
 
 
-@pytest.fixture(scope="module")
-def bare(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[tuple[str, ...], Ended]]:
-    """A folder, and commands that ran in it in one process without extras."""
-    folder = tmp_path_factory.mktemp("bare")
-    commands = (*REFUSED, *DOCTOR, *GRASPS)
-    told = json.dumps([OPTIONAL, *commands])
-    command = [sys.executable, "-P", "-c", WITHOUT, told]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, ""), done.stderr
-    ended = [Ended(*one) for one in json.loads(done.stdout)]
-    return folder, dict(zip(commands, ended, strict=True))
-
-
 def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
     extras = PROJECT["optional-dependencies"]
     assert {*EXTRAS, "all"} == set(extras)
@@ -241,17 +222,22 @@ def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
         assert brought <= wanted
 
 
-def test_without_extras_a_grasp_in_memory_runs_and_the_rest_is_refused_before_it_begins(
-    bare: tuple[Path, dict[tuple[str, ...], Ended]],
+def test_without_extras_a_grasp_runs_and_what_needs_one_is_refused_before_it_begins(
+    tmp_path: Path,
 ) -> None:
-    folder, ended = bare
+    """All commands in one process."""
+    told = json.dumps([OPTIONAL, *REFUSED, *DOCTOR, *GRASPS])
+    command = [sys.executable, "-P", "-c", WITHOUT, told]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (0, ""), ran.stderr
+    ended = {tuple(words): CompletedProcess(*each) for words, *each in json.loads(ran.stdout)}
     for words in GRASPS:
         assert ended[words].returncode == 0, ended[words].stderr
         assert json.loads(ended[words].stdout)["path"] == words[2]
     for words, sentence in REFUSED.items():
         done = ended[words]
         assert (done.returncode, done.stderr.strip()) == (2, f"chromagrip: {sentence}")
-    assert list(folder.iterdir()) == []
+    assert list(tmp_path.iterdir()) == []
     done, read = (ended[words] for words in DOCTOR)
     assert done.returncode == 0
     checks = {check["name"].split(",")[0]: check for check in json.loads(done.stdout)}
@@ -283,7 +269,8 @@ def test_extras_that_are_there_are_imported(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.environments
 def test_a_wheel_alone_grasps_with_the_base_only(wheel: Path, tmp_path: Path) -> None:
     """In a new environment, with the versions of the lock; needs pip and its index."""
-    pins = re.findall(r"^[\w.-]+==[^\s\\]+(?: ; [^\\]+)?", lock_text(), re.MULTILINE)
+    lock = (ROOT / "requirements-dev.lock").read_text()
+    pins = re.findall(r"^[\w.-]+==[^\s\\]+(?: ; [^\\]+)?", lock, re.MULTILINE)
     (tmp_path / "pins.txt").write_text("\n".join(pins))
     venv.create(tmp_path / "venv", with_pip=True)
     command = [tmp_path / "venv/bin/python", "-m", "pip", "install", "-q", str(wheel)]
@@ -306,7 +293,3 @@ def test_a_wheel_alone_grasps_with_the_base_only(wheel: Path, tmp_path: Path) ->
     assert (whole.returncode, whole.stderr.strip()) == (0, "")
     assert run("report", "run").returncode == 0
     assert run("doctor").returncode == 0
-
-
-def lock_text() -> str:
-    return (ROOT / "requirements-dev.lock").read_text()

@@ -117,16 +117,15 @@ def test_ci_runs_lint_and_the_test_command_of_the_readme() -> None:
 
 
 def test_the_container_copies_what_is_there() -> None:
-    text = (ROOT / "Containerfile").read_text()
-    copied = re.findall(r"^COPY (.+) \S+$", text, re.MULTILINE)
+    copied = re.findall(r"^COPY (.+) \S+$", (ROOT / "Containerfile").read_text(), re.MULTILINE)
     assert copied
     for name in " ".join(copied).split():
         assert (ROOT / name).exists(), name
 
 
 def test_the_citation_has_the_version_of_the_project() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     text = (ROOT / "CITATION.cff").read_text()
-    assert f"version: {project['version']}\n" in text
+    assert f"version: {version}\n" in text
     (date,) = re.findall(r'date-released: "([\d-]+)"', text)
-    assert f"## {project['version']} ({date})" in (ROOT / "CHANGELOG.md").read_text()
+    assert f"## {version} ({date})" in (ROOT / "CHANGELOG.md").read_text()

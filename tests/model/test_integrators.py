@@ -16,6 +16,7 @@ from chromagrip.model import (
     equilibrium,
     simulate,
 )
+from chromagrip.model.chain import plant
 
 SMALL = Fingertip(nodes=21)
 ROUND = ContactObject(stiffness=300.0, curvature=50.0)
@@ -64,6 +65,22 @@ def test_every_spring_law_is_the_same_in_both_codes(law: str) -> None:
     found = integrate("euler", tip, ROUND, drive, dt=2e-6, duration=2e-3, every=1000)
     fine = simulate(tip, ROUND, drive, dt=2e-6, duration=2e-3, every=1000)
     assert end(found) == pytest.approx(end(fine), abs=2e-3 * abs(end(fine)).max())
+
+
+def test_a_step_that_is_taken_in_parts_has_the_mean_rates_of_the_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Few rounds of Newton's method are too few for a long step, which is then halved."""
+    divided, in_parts = [], plant._in_parts
+    monkeypatch.setattr(plant, "_in_parts", lambda *its: divided.append(in_parts(*its)))
+    monkeypatch.setattr(plant, "IMPLICIT", plant.IMPLICIT._replace(max_iterations=4))
+    run = simulate(SMALL, ROUND, press_and_pull(0.05), dt=1e-2, duration=0.05)
+    assert divided
+    moved = np.concatenate([run.nodes, run.pose[:, None]], axis=1)
+    assert run.rate[1:] == pytest.approx(np.diff(moved, axis=0) / 1e-2, abs=1e-9)
+    monkeypatch.undo()
+    whole = simulate(SMALL, ROUND, press_and_pull(0.05), dt=1e-2, duration=0.05)
+    assert end(run) == pytest.approx(end(whole), abs=0.01 * abs(end(whole)).max())
 
 
 @pytest.mark.stages

@@ -35,7 +35,8 @@ from chromagrip.model.shapes import plane
 
 NAN, TIP, OBJ, PLATE = math.nan, Fingertip(nodes=21), ContactObject(), Solid(shape=plane())
 COARSE = Dome(pitch=0.7e-3, reach=math.radians(45.0))
-STILL, POINT = np.zeros((2, 6)), {"times": [0.0, 1.0], "normal": [1.0, 1.0], "lateral": [0, 0]}
+STILL, DEEP = np.zeros((2, 6)), [0.0, 0.0, 1e-4, 0.0, 0.0, 0.0]
+POINT = {"times": [0.0, 1.0], "normal": [1.0, 1.0], "lateral": [0, 0]}
 
 
 def run(drive: Drive, obj: ContactObject = OBJ, **changes: float) -> object:
@@ -44,6 +45,10 @@ def run(drive: Drive, obj: ContactObject = OBJ, **changes: float) -> object:
 
 def drive(**changes: Any) -> Drive:
     return Drive(**POINT | changes)
+
+
+def over(motion: Motion, solid: Any = Solid(shape=plane(), stiffness=1e11)) -> object:  # noqa: B008
+    return simulate_contact(COARSE, solid, motion, 5e-3)
 
 
 def pinch(**changes: Any) -> Pinch:
@@ -116,19 +121,12 @@ def pinch(**changes: Any) -> Pinch:
         (lambda: Motion(times=[0.0, 0.1], poses=STILL, free=("x",)), "mass or drag"),
         (lambda: Motion(times=[0.0, 0.1], poses=STILL, free=("up",)), "free axes"),
         (lambda: press_and_move(-1e-3), "depth of a press must be finite and above 0 m"),
-        (lambda: simulate_contact(COARSE, plane(), press_and_move(1e-4)), "touched by a Solid"),  # type: ignore[arg-type]
+        (lambda: over(press_and_move(1e-4), plane()), "touched by a Solid"),
         (
-            lambda: simulate_contact(
-                COARSE, PLATE, Motion(times=[0.0, 0.1], poses=STILL - [0, 0, 1e-4, 0, 0, 0])
-            ),
+            lambda: over(Motion(times=[0.0, 0.1], poses=STILL - DEEP)),
             "inside the skin at the start",
         ),
-        (
-            lambda: simulate_contact(
-                COARSE, Solid(shape=plane(), stiffness=1e11), press_and_move(1.9e-3), 5e-3
-            ),
-            "of the silicone",
-        ),
+        (lambda: over(press_and_move(1.9e-3)), "of the silicone"),
         # two fingers
         (lambda: pinch(drag=0.0), "drag of the drive"),
         (lambda: pinch(gravity=(0.0, 0.0, 0.0)), "stands on no table"),

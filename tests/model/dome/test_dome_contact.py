@@ -190,10 +190,6 @@ def test_any_stiffness_converges(stiffness: float) -> None:
     run = simulate_contact(COARSE, solid, motion, 5e-3)
     assert run.rounds.mean() < 6.0
     assert run.unconverged == 0
-    for state in run.states:
-        field = dome_forces(COARSE, state)
-        friction = np.linalg.norm(field.friction, axis=1)
-        assert (friction <= 0.5 * field.normal * (1.0 + 1e-9)).all()
 
 
 def test_an_edge_that_comes_over_the_tip() -> None:
