@@ -57,6 +57,7 @@ def kept(folder: Path) -> int:
     return len(list(folder.rglob("*.nbc")))
 
 
+@SLOW
 def test_compiling_is_said_at_the_first_run_only(run: Run, tmp_path: Path) -> None:
     assert run().stderr == f"{COMPILING}\n"
     assert run().stderr == ""
@@ -275,7 +276,6 @@ def test_what_is_no_code_compiles_nothing(package: Package) -> None:
         "def d(x):": "def d(x: float) -> float:",
     }
     assert package.run(nothing) == (RESULTS, [])
-    assert package.run() == (RESULTS, [])  # back
 
 
 @SLOW

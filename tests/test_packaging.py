@@ -10,6 +10,7 @@ import tarfile
 import tomllib
 import venv
 import zipfile
+from collections.abc import Callable
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -126,27 +127,26 @@ def test_a_build_without_a_stage_is_refused(unlinked: Path) -> None:
 
 @needs_git
 def test_a_clone_without_links_says_what_to_do_in_one_sentence(unlinked: Path) -> None:
-    for words in ([], ["grasp", "--json"]):
-        done = python(unlinked, "-m", "chromagrip", *words)
-        assert done.returncode == 2
-        (sentence,) = done.stderr.splitlines()
-        assert sentence.startswith("chromagrip: the checkout has no symbolic links")
-        assert MEND in sentence
-    done = python(unlinked, "-c", "import chromagrip; chromagrip.run")
-    assert done.stderr.splitlines()[-1].startswith("ImportError: the checkout has no symbolic")
+    done = python(unlinked, "-m", "chromagrip", "grasp", "--json")
+    assert done.returncode == 2
+    (sentence,) = done.stderr.splitlines()
+    assert sentence.startswith("chromagrip: the checkout has no symbolic links")
+    assert MEND in sentence
     done = subprocess.run(["./run", "test"], cwd=unlinked, capture_output=True, text=True)
     assert done.returncode == 2
     (sentence,) = done.stderr.splitlines()
     assert sentence.startswith("run: this checkout has no symbolic links")
     assert MEND.split(" (")[0] in sentence
-    doctor = python(unlinked, "-m", "chromagrip", "doctor")
-    assert doctor.returncode == 1
-    assert f"mend: {MEND}" in doctor.stdout
 
 
 @pytest.mark.environments
 @needs_git
 def test_the_command_that_is_named_makes_the_links(unlinked: Path) -> None:
+    done = python(unlinked, "-c", "import chromagrip; chromagrip.run")
+    assert done.stderr.splitlines()[-1].startswith("ImportError: the checkout has no symbolic")
+    doctor = python(unlinked, "-m", "chromagrip", "doctor")
+    assert doctor.returncode == 1
+    assert f"mend: {MEND}" in doctor.stdout
     command, _, _ = MEND.partition(" (")
     subprocess.run(command, shell=True, cwd=unlinked, check=True, capture_output=True)
     assert all((unlinked / "src/chromagrip" / stage).is_symlink() for stage in STAGES)
@@ -222,6 +222,7 @@ def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
         assert brought <= wanted
 
 
+@pytest.mark.environments
 def test_without_extras_a_grasp_runs_and_what_needs_one_is_refused_before_it_begins(
     tmp_path: Path,
 ) -> None:
@@ -256,6 +257,17 @@ def test_a_package_that_is_there_but_broken_is_a_refusal(
     monkeypatch.delitem(sys.modules, "mitsuba", raising=False)
     with pytest.raises(UserError, match=r"mitsuba cannot be imported: No module named 'none_such'"):
         need("mitsuba", "reference")
+
+
+def test_what_needs_a_missing_extra_is_refused(
+    typed: Callable[..., CompletedProcess[str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for module in OPTIONAL:
+        monkeypatch.setitem(sys.modules, module, None)
+    for words, sentence in REFUSED.items():
+        done = typed(*words)
+        assert (done.returncode, done.stderr.strip()) == (2, f"chromagrip: {sentence}")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_extras_that_are_there_are_imported(monkeypatch: pytest.MonkeyPatch) -> None:

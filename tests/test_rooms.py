@@ -71,13 +71,14 @@ def modules() -> dict[str, Path]:
 
 
 @cache
-def tree(module: str) -> ast.Module:
-    return ast.parse(modules()[module].read_text(encoding="utf-8"))
+def nodes(module: str) -> list[ast.AST]:
+    """All nodes of a module's syntax tree, the module first."""
+    return [*ast.walk(ast.parse(modules()[module].read_text(encoding="utf-8")))]
 
 
 def imports(module: str) -> Iterator[tuple[str, ast.ImportFrom]]:
     """Modules of ours that a module imports, wherever it does so."""
-    for node in ast.walk(tree(module)):
+    for node in nodes(module):
         if isinstance(node, ast.Import):
             assert not any(a.name.split(".")[0] == "chromagrip" for a in node.names), module
         if not isinstance(node, ast.ImportFrom):
@@ -152,7 +153,7 @@ def test_functions_are_short() -> None:
     for module in modules():
         if "kernels" in module or room(module) == "cli":
             continue
-        for node in ast.walk(tree(module)):
+        for node in nodes(module):
             if (
                 isinstance(node, ast.FunctionDef)
                 and (node.end_lineno or node.lineno) - node.lineno >= MOST_LINES
@@ -215,13 +216,13 @@ def test_nothing_heavy_is_imported_before_it_is_used() -> None:
 
 def test_every_module_says_what_it_is_for() -> None:
     for module in modules():
-        assert ast.get_docstring(tree(module)), module
+        assert ast.get_docstring(nodes(module)[0]), module
 
 
 def test_the_product_calls_each_library_that_it_promises() -> None:
     """By an import of its own, or by `need`, which imports what an extra brings."""
     called = set()
-    for node in [node for module in modules() for node in ast.walk(tree(module))]:
+    for node in [node for module in modules() for node in nodes(module)]:
         if isinstance(node, ast.Import):
             called |= {alias.name for alias in node.names}
         elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "need":
