@@ -210,7 +210,7 @@ def test_small_steps_lead_past_the_next_marker_and_markers_are_hidden_where_they
 WAYS = [(0.9, 0.0), (0.0, -0.9), (0.8, 0.8), (-1.2, 0.1)]
 
 
-@pytest.mark.parametrize(("k", "name"), enumerate(TRACKERS))
+@pytest.mark.parametrize(("k", "name"), list(enumerate(TRACKERS)))
 def test_after_a_jump_to_the_next_marker_no_number_is_certain(k: int, name: str) -> None:
     """Whoever takes the neighbour says so, then and later; small motion before is no doubt."""
     field = fixed()
