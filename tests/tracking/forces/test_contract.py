@@ -168,7 +168,8 @@ def test_covered_markers_are_refused_by_number_and_the_next_frame_is_read(name: 
     assert field.total_normal == pytest.approx(before.total_normal, rel=0.1)
 
 
-@each
+# What `way` reads begins with `sequential`.
+@pytest.mark.parametrize("name", [name for name in METHODS if name != "sequential"])
 def test_a_reader_goes_on_after_a_black_picture_and_copies_go_their_own_way(name: str) -> None:
     dome = name in DOME_METHODS
     rest, pictures = shown(dome)
