@@ -235,7 +235,11 @@ REFUSED: list[tuple[str, dict[str, Any], Change | None, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("calibration", "options", "change", "words"), REFUSED)
+@pytest.mark.parametrize(
+    ("calibration", "options", "change", "words"),
+    # A search for the pose of another sensor's picture takes its time.
+    [pytest.param(*one, marks=[pytest.mark.data] * (k in (0, 2))) for k, one in enumerate(REFUSED)],
+)
 def test_what_does_not_fit_is_refused_with_the_reason(
     folders: Folders,
     tmp_path: Path,

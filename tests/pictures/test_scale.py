@@ -68,7 +68,10 @@ def test_what_one_factor_does_not_meet_is_refused_with_the_mend(
     assert "\n" not in said
 
 
-@pytest.mark.parametrize(("pitch", "radius", "error"), [(200.0, 44.0, 0.1), (44.0, 8.5, 0.025)])
+@pytest.mark.parametrize(
+    ("pitch", "radius", "error"),
+    [(200.0, 44.0, 0.1), pytest.param(44.0, 8.5, 0.025, marks=pytest.mark.data)],
+)
 def test_places_and_sizes_of_large_and_of_many_small_dots_are_those_drawn(
     tmp_path: Path, pitch: float, radius: float, error: float
 ) -> None:

@@ -75,6 +75,7 @@ def clean() -> Sequence:
     return sequence(SCENES["clean"], FRAMES, limits=False)
 
 
+@pytest.mark.stages
 def test_tracks_of_uncompressed_pictures_and_of_compressed_ones() -> None:
     """Though the noise that is told is not that of the camera."""
     scene = replace(clean(), shots=clean().shots[-2:])

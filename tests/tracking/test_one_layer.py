@@ -34,7 +34,7 @@ def pictured(sensor: SensorDesign, shift: float) -> tuple[np.ndarray, np.ndarray
     return levels(light, 1.0, 3), places
 
 
-@pytest.mark.parametrize("tracker", ["fit", "detect"])
+@pytest.mark.parametrize("tracker", [pytest.param("fit", marks=pytest.mark.stages), "detect"])
 @pytest.mark.parametrize("name", sensor_names(1))
 def test_markers_of_a_design_of_one_layer_are_followed(name: str, tracker: str) -> None:
     sensor = load_sensor(name, fewest=1)

@@ -247,7 +247,8 @@ def test_light_of_two_colours_does_not_make_two_dyes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "scale"), [("thesis", 1.0), ("dome-2022", 1.7), ("flat-2019", 0.6)]
+    ("name", "scale"),
+    [("thesis", 1.0), pytest.param("dome-2022", 1.7, marks=pytest.mark.stages), ("flat-2019", 0.6)],
 )
 def test_our_designs_are_found_without_knowing_them_at_any_size(name: str, scale: float) -> None:
     sensor = load_sensor(name)

@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+import pytest
 
 from chromagrip import Pose, TactileSensor
 from chromagrip.model import Solid
@@ -58,6 +59,7 @@ def motions(seed: int, settings: FitSettings, glow: float | None = None) -> tupl
     return errors.reshape(-1, 2), true_motions.reshape(-1, 2), stated.reshape(-1)
 
 
+@pytest.mark.stages
 def test_motions_over_an_uneven_skin_are_more_exact() -> None:
     smooth, (fine, moved, _) = motions(1, EVEN)[0], motions(1, FitSettings())
     far = np.linalg.norm(moved, axis=1) > 0.3
@@ -68,6 +70,7 @@ def test_motions_over_an_uneven_skin_are_more_exact() -> None:
     assert rms[1] < 0.7 * rms[0]
 
 
+@pytest.mark.stages
 def test_motions_are_not_drawn_towards_rest() -> None:
     errors, moved, stated = motions(1, FitSettings())
     far = (np.linalg.norm(moved, axis=1) > 0.5) & np.isfinite(stated)
@@ -78,6 +81,7 @@ def test_motions_are_not_drawn_towards_rest() -> None:
     assert abs(slope) < 0.015  # what a marker leaves of itself in the skin's light would hold it
 
 
+@pytest.mark.stages
 def test_errors_are_those_that_are_stated() -> None:
     errors, moved, stated = motions(1, FitSettings())
     far = (np.linalg.norm(moved, axis=1) > 1.0) & np.isfinite(stated)

@@ -17,7 +17,7 @@ from .drawn import KNOWN, SENSOR, TIP, Specimen
 @pytest.fixture(scope="module")
 def unseen() -> Snapshots:
     """Of histories that no training has seen, those that a gripper meets."""
-    plans = {number: random_plan(TIP, number) for number in range(900_000, 900_300)}
+    plans = {number: random_plan(TIP, number) for number in range(900_000, 900_640)}
     numbers = [number for number, plan in plans.items() if _is_usual(plan)]
     parts = [vars(snapshots(TIP, range(number, number + 1))) for number in numbers]
     found = Snapshots(**{k: np.concatenate([part[k] for part in parts]) for k in parts[0]})
@@ -129,7 +129,7 @@ def test_standing_still_steadies_the_reading_and_a_change_is_followed_at_once(
 ) -> None:
     alone, steady = (Learned(KNOWN, specimen.rest, averaged=way) for way in (False, True))
     first, second = press_of(unseen, 2.0), press_of(unseen, 4.0)
-    still = [specimen.tracks(first, 1.0, k) for k in range(24)]
+    still = [specimen.tracks(first, 1.0, k) for k in range(30)]
     single = np.array([alone.update(t).total_normal for t in still])
     fields = [steady.update(t) for t in still]
     averaged = np.array([f.total_normal for f in fields])

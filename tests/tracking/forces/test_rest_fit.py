@@ -220,6 +220,7 @@ def test_a_symmetric_layout_is_taken_as_it_lies_nearest_to_the_design() -> None:
         rest_pose(sensor, projected(sensor, CameraPose(roll=44.0 * DEGREE)))
 
 
+@pytest.mark.stages
 def test_the_edges_of_a_grid_and_the_centre_of_a_calibrated_camera_count() -> None:
     """17 px from column to column: a grid is not taken for itself a pitch further."""
     sensor = load_sensor("flat-2019")
@@ -230,6 +231,7 @@ def test_the_edges_of_a_grid_and_the_centre_of_a_calibrated_camera_count() -> No
     check(rest_pose(sensor, projected(sensor, CameraPose(roll=0.3))), CameraPose(roll=0.3))
 
 
+@pytest.mark.stages
 def test_what_cannot_be_told_is_refused() -> None:
     """Even a sensor whose layout is the same spiral but for 45 markers on the meridian."""
     with pytest.raises(UserError, match=r"Is it another sensor\?"):
@@ -243,6 +245,7 @@ def test_what_cannot_be_told_is_refused() -> None:
         rest_pose(SENSOR, with_position(position))
 
 
+@pytest.mark.stages
 def test_bounds_of_the_pose_and_of_the_match_are_settings() -> None:
     rest = projected(SENSOR, CameraPose(shift=(80.0, 0.0)))
     wide = PoseSettings(search=SearchSettings(shift=0.2))

@@ -123,6 +123,7 @@ def test_a_press_that_noise_hides_is_inside_the_interval_of_nothing(noise_px: fl
     assert np.isfinite(field.wrench_covariance).all()
 
 
+@pytest.mark.stages
 def test_two_contacts_are_refused() -> None:
     """Forces of two presses side by side: no object of one curvature leaves such an image."""
     poses = np.zeros((2, 6))
