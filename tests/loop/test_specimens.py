@@ -1,23 +1,23 @@
-"""The design `chromatouch-next`: what its file promises, seen through the tracker."""
+"""Specimens through the tracker: `chromatouch-next`, and `dome-2020` with its crooked discs."""
 
 import math
 from contextlib import closing
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pytest
 
+from chromagrip.loop.grasp import grasp
 from chromagrip.model import Dome, Solid, press_and_move, simulate_contact
 from chromagrip.model.dome import resting
 from chromagrip.model.shapes import ball
-from chromagrip.render import (
-    DomeMap,
-    centroids,
-    layer_depths,
-    load_sensor,
-    outlines,
-)
-from chromagrip.sensing.sensor import TactileSensor
+from chromagrip.render import DomeMap, centroids, layer_depths, load_sensor, outlines
+from chromagrip.scene.scene import load_scene
+from chromagrip.sensing.reader import known_sensor
+from chromagrip.sensing.sensor import TactileSensor, open_camera
 from chromagrip.tracking import MarkerTracker, Palette
+from chromagrip.tracking.fit import tracker as module
 
 DESIGN = load_sensor("chromatouch-next")
 
@@ -40,6 +40,7 @@ def test_it_is_what_two_soft_layers_need() -> None:
         assert np.linalg.norm(np.diff(DESIGN.view.project(ends), axis=0)) >= 12.0
 
 
+@pytest.mark.loops
 def test_its_markers_are_followed_without_swaps() -> None:
     """A ball that is pressed to a third of the silicone, then sheared and twisted."""
     dome = replace(DESIGN.dome, pitch=0.8e-3)
@@ -67,3 +68,35 @@ def test_its_markers_are_followed_without_swaps() -> None:
         error = tracks.position - truth[:, nearest[0]]
         assert abs(error).max() < 0.25
         assert np.sqrt((error**2).mean()) < 0.015
+
+
+@pytest.mark.loops
+def test_crooked_markers_stay_seen_and_colours_are_fitted_where_the_light_changes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In eight frames of a light touch, whose lamp changes at the sixth."""
+    fits: list[Any] = []
+    tune = module.tune
+    monkeypatch.setattr(module, "tune", lambda *args: fits.append(args) or tune(*args))
+    changes = {"path": "camera", "sensor": "dome-2020", "duration_s": 0.08}
+    scene = load_scene("dome-1", changes)
+    with closing(open_camera(scene)) as camera:
+        samples = grasp(scene, camera)
+        rest = camera.expose_rest(next(samples).contact.state, 8)
+        frames = [sample.frame for sample in samples if sample.frame is not None]
+    tracker = MarkerTracker(Palette.of_sensor(known_sensor(scene).sensor), 2.0)
+    seen = tracker.reset(rest).visible
+    assert 0.8 * seen.size < seen.sum() < seen.size
+    for frame in frames[:5]:
+        assert (tracker.update(frame).visible == seen).all()
+    assert not fits  # they explain no less than at rest
+    before = tracker.state
+    clear = [tracker.update(frame) for frame in frames[5:]]
+    tracker.state = before
+    for frame, tracks in zip(frames[5:], clear, strict=True):
+        image = np.rint(0.8 * frame.image + 40.0).astype(np.uint8)
+        dim = tracker.update(replace(frame, image=image))
+        assert (dim.visible == seen).all()
+        off = (dim.position - tracks.position)[seen]
+        assert np.sqrt((off**2).mean()) < 0.05
+    assert fits
