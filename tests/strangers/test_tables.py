@@ -96,6 +96,7 @@ ATTACKS: dict[str, tuple[Callable[[Path], object], str]] = {
     "zeros.parquet": (zeros, "3000000 rows, more than 1000000; give --max-rows"),
     "frame.csv": (text(f"{ROW}99999999,0,1,1\n"), "give --max-rows"),
     "large.csv": (text(f"{ROW}1e300,0,1,1\n"), "row 2, column frame: '1e300' is no whole number"),
+    "many.csv": (text(f"{ROW}100000000,0,1,1\n"), "'100000000' is no whole number below 100000000"),
     "wide.csv": (lambda path: path.write_bytes(ROW.encode("utf-16")[:-1]), "cannot be read"),
     "long.csv": (text(f"{ROW}{'9' * 200_000},0,1,1\n"), "long.csv"),
     "semicolons.csv": (text(ROW.replace(",", ";")), "separated by semicolons"),
