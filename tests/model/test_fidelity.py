@@ -35,12 +35,6 @@ def test_graded_chain_keeps_the_continuum(obj: ContactObject) -> None:
     assert fewer.normal[middle] == pytest.approx(whole.normal[same], rel=0.01, abs=5e-4)
 
 
-@pytest.mark.parametrize(("nodes", "core"), [(99, 11e-3), (98, 6e-3), (61, 6e-3)])
-def test_impossible_gradings_are_named(nodes: int, core: float) -> None:
-    with pytest.raises(ValueError, match="graded fingertip nodes must be odd and in"):
-        Fingertip.graded(nodes, core)
-
-
 def test_cost_of_a_step_knows_no_memory_of_its_length() -> None:
     """10 ms steps end where 0.1 ms steps do, Γ and ΣFn within 2 % (loads smooth over a step)."""
     obj = ContactObject(stiffness=160.0, curvature=200.0)

@@ -37,7 +37,7 @@ def near(mesh, spread: float, count: int = 1500) -> np.ndarray:
 @pytest.mark.parametrize("name", meshes.MESHES)
 def test_distances_and_signs_of_ten_meshes(name: str) -> None:
     mesh = meshes.MESHES[name]()
-    shape = mesh_shape(mesh, cells=48)
+    shape = mesh_shape(mesh, cells=40)
     assert shape.notes == ()
     p = near(mesh, 1.5 / shape.cells)
     vertices = (mesh.vertices - mesh.bounds.mean(axis=0)) * shape.cells * 1e-3
@@ -61,7 +61,6 @@ def test_distances_and_signs_of_ten_meshes(name: str) -> None:
     [
         ("ball", shapes.ball(5e-3), 13e-6, 0.05),  # the faces lie up to 11 µm inside the ball
         ("ring", shapes.torus(6e-3, 2e-3), 16e-6, 0.1),
-        ("capsule", shapes.capsule(2e-3, 10e-3), 13e-6, 0.1),
     ],
 )
 def test_a_fine_mesh_is_the_shape_it_was_made_of(name, same, error, turned) -> None:
@@ -127,7 +126,9 @@ def test_scale_and_pose() -> None:
     np.testing.assert_allclose(gap, [1e-3, -1e-3], atol=3e-5)
 
 
-def test_a_grid_is_made_once(no_kept: Path, tmp_path: Path) -> None:
+def test_a_grid_is_made_once(
+    no_kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "gear.stl"
     meshes.gear().export(path)
     made = mesh_shape(path, cells=32)
@@ -139,22 +140,10 @@ def test_a_grid_is_made_once(no_kept: Path, tmp_path: Path) -> None:
         assert getattr(made, name).tobytes() == getattr(again, name).tobytes()
     file.write_bytes(content[:1000])  # as after a full disk
     assert mesh_shape(path, cells=32).grid.tobytes() == made.grid.tobytes()
-    mesh_shape(path, cells=24)
-    assert len([*no_kept.iterdir()]) == 2
-
-
-def test_only_the_grids_used_last_are_kept(no_kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kept_arrays, "MOST", 2)
-    for cells in (16, 17, 18):
-        mesh_shape(meshes.corner(), cells=cells)
+    for cells in (16, 17, 18):  # only the grids used last are kept
+        mesh_shape(path, cells=cells)
     assert len([*no_kept.iterdir()]) == 2
-
-
-def test_where_nothing_can_be_kept_a_grid_is_made_each_time(
-    no_kept: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    no_kept.parent.parent.write_text("no folder")
-    assert mesh_shape(meshes.corner(), cells=16).notes == ()
 
 
 @pytest.mark.parametrize(
@@ -181,47 +170,35 @@ def _turn_some(mesh) -> None:
     mesh.faces[::7] = mesh.faces[::7, ::-1]
 
 
-def _two_boxes():
-    """Boxes that share an edge."""
-    boxes = [trimesh.creation.box((4.0, 4.0, 4.0)) for _ in range(2)]
-    boxes[1].apply_translation([4.0, 4.0, 0.0])
-    return trimesh.util.concatenate(boxes)
+def _boxes(size: float, other, apart: tuple[float, float, float] = (0.0, 0.0, 0.0)):
+    """A box, and another body beside it."""
+    other.apply_translation(apart)
+    return trimesh.util.concatenate([trimesh.creation.box((size, size, size)), other])
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
         (lambda: trimesh.Trimesh(), "it has no triangles"),
-        (lambda: _two_boxes(), "could not be mended: 1 of its 35 edges do"),
+        (
+            lambda: _boxes(4.0, trimesh.creation.box((4.0, 4.0, 4.0)), (4.0, 4.0, 0.0)),
+            "could not be mended: 1 of its 35 edges do",
+        ),
         (lambda: trimesh.creation.box(extents=(1e3, 1, 1)), "longest side is 1000 mm"),
         (lambda: trimesh.creation.box(extents=(0.01, 0.01, 0.01)), "object.mesh_unit_mm"),
         (lambda: trimesh.Trimesh([[0, 0, 0], [9, 0, 0], [0, 9, 0]], [[0, 1, 2]]), "lie in a plane"),
-        (
-            lambda: trimesh.util.concatenate(
-                [trimesh.creation.box((8, 8, 8)), trimesh.creation.icosphere(radius=5)]
-            ),
-            "parts of it overlap",
-        ),
+        (lambda: _boxes(8.0, trimesh.creation.icosphere(radius=5)), "parts of it overlap"),
+        (lambda: meshes.ball(), "5120 faces, more than 2000; simplify it"),
+        (lambda: Path("part.stl"), r"part\.stl: there is no such file"),
     ],
 )
-def test_what_is_no_body_is_refused(make, words: str) -> None:
+def test_what_is_no_body_is_refused(make, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("chromagrip.model.shapes.triangle_mesh.MOST_FACES", 2000)
     with pytest.raises(UserError, match=words):
         mesh_shape(make())
 
 
-def test_more_faces_than_can_be_meant_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("chromagrip.model.shapes.triangle_mesh.MOST_FACES", 1000)
-    with pytest.raises(UserError, match="5120 faces, more than 1000; simplify it"):
-        mesh_shape(meshes.ball())
-
-
-def test_a_file_that_is_no_mesh_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "part.stl"
-    with pytest.raises(UserError, match=r"part\.stl: there is no such file"):
-        mesh_shape(path)
-    path.write_text("hello")
-    with pytest.raises(UserError, match=r"part\.stl: it "):
-        mesh_shape(path)
+def test_arguments_of_a_mesh_are_checked() -> None:
     with pytest.raises(UserError, match="must not mirror"):
         mesh_shape(meshes.ball(), rotation=np.diag([1.0, 1.0, -1.0]))
     with pytest.raises(UserError, match="cells of a mesh must be an integer in"):
@@ -246,16 +223,11 @@ PLY = (
     ("name", "text"),
     [
         ("a.ply", PLY.format(10**12, 10**12)),
-        ("a.ply", PLY.format(-1, -1)),
         ("a.ply", PLY.format(4, 4) + "0 0 0\n9 0 0\n0 9 0\n0 0 9\n" + "3 0 1 99\n" * 4),
-        ("a.ply", PLY.format(4, 4) + "0 0 0\n9 0 0\n0 9 0\n0 0 9\n" + "3 0 1 -7\n" * 4),
         ("a.obj", OBJ.replace("f 2 3 4", "f 2 3 999")),
         ("a.obj", OBJ.replace("v 9 0 0", "v 1e308 0 0")),
-        ("a.obj", OBJ.replace("v 9 0 0", "v nan 0 0")),
-        ("a.obj", OBJ.replace(" 0\nv", "\nv").replace("v 0 0 9", "v 0 9")),
         ("a.obj", "mtllib /dev/zero\nmtllib ../../../../dev/zero\n"),
         ("a.stl", "solid\nfacet normal 0 0 x\nvertex 1 2\n" * 50),
-        ("a.stl", "\0" * 84),
     ],
 )  # fmt: skip
 def test_what_is_no_mesh_is_one_sentence(

@@ -3,24 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from chromagrip.model import (
-    Fingertip,
-    ForceField,
-    History,
-    SlipRecord,
-    State,
-    follow_slip,
-    no_slip,
-    pressure,
-    rest_state,
-)
+from chromagrip import model
 
-TIP = Fingertip(nodes=11)
+TIP = model.Fingertip(nodes=11)
 
 
-def field(contact: list[int], normal: float = 0.1) -> ForceField:
+def field(contact: list[int], normal: float = 0.1) -> model.ForceField:
     touching = np.isin(np.arange(11), contact)
-    return ForceField(
+    return model.ForceField(
         position=TIP.rest_positions(),
         normal=np.where(touching, normal, 0.0),
         friction=np.where(touching, 0.02, 0.0),
@@ -29,10 +19,10 @@ def field(contact: list[int], normal: float = 0.1) -> ForceField:
     )
 
 
-def followed(record: SlipRecord, state: State, contact: list[int]) -> SlipRecord:
+def followed(record: model.SlipRecord, state: model.State, contact: list[int]) -> model.SlipRecord:
     """Record after a step of 0.01 s that ended in a state with these nodes in contact."""
     d = state.deformation
-    run = History(
+    run = model.History(
         time=np.zeros(2),
         nodes=np.stack([d.nodes] * 2),
         pose=np.full((2, 2), d.object_position),
@@ -41,7 +31,7 @@ def followed(record: SlipRecord, state: State, contact: list[int]) -> SlipRecord
         rate=np.zeros((2, 12, 2)),
         step=np.zeros(2),
     )
-    (after,) = follow_slip(record, run, np.stack([field(contact).contact] * 2), 0.01)
+    (after,) = model.follow_slip(record, run, np.stack([field(contact).contact] * 2), 0.01)
     return after
 
 
@@ -55,15 +45,17 @@ def test_margin_is_one_in_a_pure_press_and_nan_without_contact() -> None:
 
 def test_pressure_is_force_over_width() -> None:
     x = TIP.rest_positions()[:, 0]
-    assert pressure(field([4, 5, 6])) == pytest.approx(0.3 / (x[6] - x[4]))
-    assert pressure(field([4, 5, 6]), TIP.pitch) == pytest.approx(0.3 / (x[6] - x[4] + TIP.pitch))
-    assert pressure(field([])) == 0.0
-    assert np.isnan(pressure(field([5])))
+    assert model.pressure(field([4, 5, 6])) == pytest.approx(0.3 / (x[6] - x[4]))
+    assert model.pressure(field([4, 5, 6]), TIP.pitch) == pytest.approx(
+        0.3 / (x[6] - x[4] + TIP.pitch)
+    )
+    assert model.pressure(field([])) == 0.0
+    assert np.isnan(model.pressure(field([5])))
 
 
 def test_displacement_counts_from_where_contact_began() -> None:
     """Elastic shear is not slip: a node that moves with the object has none."""
-    state, record = rest_state(TIP), no_slip(11)
+    state, record = model.rest_state(TIP), model.no_slip(11)
     for position, carried in ((0.0, 0.0), (1e-3, 1e-3), (2e-3, 1.7e-3)):
         nodes = np.zeros((11, 2))
         nodes[5, 0] = carried
@@ -78,7 +70,7 @@ def test_displacement_counts_from_where_contact_began() -> None:
 
 def test_a_contact_that_wanders_along_slips_as_far_as_the_object() -> None:
     """A round object that slides takes its contact along: each node touches it for a while only."""
-    state, record = rest_state(TIP), no_slip(11)
+    state, record = model.rest_state(TIP), model.no_slip(11)
 
     def slide(first: int, position: float, speed: float) -> None:
         nonlocal record
@@ -99,7 +91,7 @@ def test_a_contact_that_wanders_along_slips_as_far_as_the_object() -> None:
 
 def test_a_contact_that_wanders_without_sliding_does_not_slip() -> None:
     """As a wheel rolls: the object moves on, and each node that joins sticks."""
-    state, record = rest_state(TIP), no_slip(11)
+    state, record = model.rest_state(TIP), model.no_slip(11)
     for k in range(8):
         nodes = np.zeros((11, 2))
         nodes[k : k + 3, 0] = 1e-4 * k - np.arange(3) * 1e-4
@@ -109,7 +101,7 @@ def test_a_contact_that_wanders_without_sliding_does_not_slip() -> None:
 
 
 def test_rigid_slip_integrates_the_slowest_node() -> None:
-    state, record = rest_state(TIP), no_slip(11)
+    state, record = model.rest_state(TIP), model.no_slip(11)
     rates = np.zeros(11)
     rates[[4, 5]] = [3e-3, -1e-3]
     for _ in range(10):

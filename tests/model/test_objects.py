@@ -75,44 +75,6 @@ def test_a_ridge_is_felt_where_it_is() -> None:
     assert at_bump > 1.3 * mirrored
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        (
-            {"stiffness": 1e300},
-            r"object stiffness must be finite .* at most 1e\+09 N/m, got 1e\+300",
-        ),
-        ({"stiffness": float("nan")}, "object stiffness .* got nan"),
-        ({"profile": ()}, "object profile must be at least 3 points"),
-        ({"profile": ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))}, "increasing x"),
-        ({"profile": ((0.0, 0.0), (1.0, np.inf), (2.0, 1.0))}, "object profile must be finite"),
-        ({"profile": arc(0.02), "curvature": 1.0}, "curvature must be 0 beside a profile"),
-    ],
-)
-def test_bad_surfaces_are_named(changes: dict[str, object], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        ContactObject(**changes)  # type: ignore[arg-type]
-
-
-def test_a_hollow_too_narrow_for_the_fingertip_is_named() -> None:
-    with pytest.raises(ValueError, match=r"curvature -200\.0 1/m is a hollow of 0\.005 m radius"):
-        equilibrium(TIP, ContactObject(curvature=-200.0), 1.0)
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"law": "rubber"}, "law must be one of split, inverse-poisson, axial, got 'rubber'"),
-        ({"nodes": 12, "stations": tuple(np.linspace(0, 1, 11))}, "as many as nodes"),
-        ({"nodes": 11, "stations": (0.0, *np.linspace(0.5, 1, 10)[::-1])}, "increase from 0 to 1"),
-        ({"radius": 0.0}, "fingertip radius must be finite and above 0 m, got 0.0"),
-    ],
-)
-def test_bad_domes_are_named(changes: dict[str, object], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        Fingertip(**changes)  # type: ignore[arg-type]
-
-
 def test_an_axial_spring_pressed_at_the_apex_is_hookes_law() -> None:
     """Without membrane only the apex carries, as one spring with the contact in series."""
     tip = Fingertip(nodes=11, law="axial", membrane_stiffness=1.0)

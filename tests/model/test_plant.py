@@ -3,49 +3,31 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from chromagrip.model import (
-    ContactObject,
-    Fingertip,
-    ForceField,
-    LostContactError,
-    PiercedError,
-    State,
-    contact_forces,
-    follow_slip,
-    no_slip,
-    rest_state,
-    step,
-    steps,
-    stiffness_from_young,
-    touching,
-)
+from chromagrip import model
 
-TIP = Fingertip()
-FLAT = ContactObject()
-
-
-def press(tip: Fingertip, obj: ContactObject, grip: float) -> State:
-    """First 20 ms in small steps: what the friction remembers is how the contact grew."""
-    state = rest_state(tip)
-    for _ in range(1000):
-        state = step(tip, obj, state, 2e-5, grip, 0.0)
-    return state
+TIP = model.Fingertip()
+FLAT = model.ContactObject()
 
 
 def settle(
-    obj: ContactObject, grip: float, load: float, tip: Fingertip = TIP
-) -> tuple[State, ForceField]:
-    """Press for 0.1 s, then load for 1.5 s."""
-    state = press(tip, obj, grip)
-    for k in range(320):
-        state = step(tip, obj, state, 5e-3, grip, load if k >= 20 else 0.0)
-    return state, contact_forces(tip, obj, state)
+    obj: model.ContactObject, grip: float, load: float, tip: model.Fingertip = TIP
+) -> tuple[model.State, model.ForceField]:
+    """Press for 0.12 s, the first 20 ms in small steps, as friction remembers how contact grew.
+
+    Then load for 1.5 s.
+    """
+    early = model.steps(
+        tip, obj, model.rest_state(tip), 2e-5, np.tile([grip, 0.0], (1000, 1))
+    ).state(-1)
+    forces = np.array([[grip, 0.0]] * 20 + [[grip, load]] * 300)
+    state = model.steps(tip, obj, early, 5e-3, forces).state(-1)
+    return state, model.contact_forces(tip, obj, state)
 
 
 @pytest.mark.parametrize(("mu", "first"), [(0.3, 0.298), (0.5, 0.388), (0.7, 0.398)])
 def test_friction_estimate_before_and_after_a_load(mu: float, first: float) -> None:
     """Fig. 10 of the thesis: on first contact at most ν, exact after a load of 0.1 N."""
-    obj = ContactObject(friction=mu)
+    obj = model.ContactObject(friction=mu)
 
     def largest_ratio(load: float) -> float:
         _, field = settle(obj, 1.0, load)
@@ -59,19 +41,19 @@ def test_friction_estimate_before_and_after_a_load(mu: float, first: float) -> N
 
 def test_steps_in_one_go_are_the_steps_one_by_one() -> None:
     """Bit by bit, sliding too; and so are the nodes that touch, and slip."""
-    tip, obj = Fingertip(nodes=101), ContactObject(friction=0.3, curvature=100.0)
+    tip, obj = model.Fingertip(nodes=101), model.ContactObject(friction=0.3, curvature=100.0)
     forces = np.column_stack([np.linspace(0.2, 1.0, 40), np.linspace(-0.1, 3.0, 40)])
-    state, slip = rest_state(tip), no_slip(tip.nodes)
-    run = steps(tip, obj, state, 2e-3, forces)
-    slips = follow_slip(slip, run, touching(tip, obj, run), 2e-3)
+    state, slip = model.rest_state(tip), model.no_slip(tip.nodes)
+    run = model.steps(tip, obj, state, 2e-3, forces)
+    slips = model.follow_slip(slip, run, model.touching(tip, obj, run), 2e-3)
     for k, (grip, load) in enumerate(forces.tolist()):
-        state = step(tip, obj, state, 2e-3, grip, load)
+        state = model.step(tip, obj, state, 2e-3, grip, load)
         alone = run.state(k + 1)
         assert (state.deformation.nodes == alone.deformation.nodes).all()
         assert state.deformation.object_position == alone.deformation.object_position
         assert (state.friction == alone.friction).all()
-        field = contact_forces(tip, obj, state)
-        assert (touching(tip, obj, run)[k + 1] == field.contact).all()
+        field = model.contact_forces(tip, obj, state)
+        assert (model.touching(tip, obj, run)[k + 1] == field.contact).all()
         # Slip by its definition: the node of the contact that moved least against the object.
         rates = abs(state.slip_rate[field.contact])
         moved = slips[k].rigid_slip - (slips[k - 1].rigid_slip if k else 0.0)
@@ -79,20 +61,7 @@ def test_steps_in_one_go_are_the_steps_one_by_one() -> None:
     assert slips[-1].rigid_slip > 1e-4
 
 
-def test_too_much_load_slides_at_the_speed_of_the_drag() -> None:
-    """Full slip: the drag takes what friction leaves, v = (F − µ·Fn)/c."""
-    state = rest_state(TIP)
-    for _ in range(100):
-        state = step(TIP, FLAT, state, 5e-3, 0.5, 0.65)
-    before = state.deformation.object_position
-    state = step(TIP, FLAT, state, 5e-3, 0.5, 0.65)
-    field = contact_forces(TIP, FLAT, state)
-    speed = (state.deformation.object_position - before) / 5e-3
-    assert speed == pytest.approx((0.65 - 0.5 * field.normal.sum()) / FLAT.drag, rel=1e-3)
-    assert field.safety_margin(0.5) == pytest.approx(0.0, abs=1e-6)
-
-
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(
     st.lists(
         st.tuples(st.floats(0.0, 10.0), st.floats(-3.0, 3.0), st.sampled_from([1e-4, 1e-3, 1e-2])),
@@ -106,15 +75,15 @@ def test_too_much_load_slides_at_the_speed_of_the_drag() -> None:
 def test_any_history_stays_finite_and_in_the_cone(
     history: list[tuple[float, float, float]], stiffness: float, curvature: float, mu: float
 ) -> None:
-    tip = Fingertip(nodes=101)
-    obj = ContactObject(stiffness=stiffness, curvature=curvature, friction=mu)
-    state = rest_state(tip)
+    tip = model.Fingertip(nodes=101)
+    obj = model.ContactObject(stiffness=stiffness, curvature=curvature, friction=mu)
+    state = model.rest_state(tip)
     for grip, load, dt in history:
         try:
-            state = step(tip, obj, state, dt, grip, load)
-        except (LostContactError, PiercedError):
+            state = model.step(tip, obj, state, dt, grip, load)
+        except (model.LostContactError, model.PiercedError):
             return  # let go, or too much for a soft and sharp object: said, not computed
-        field = contact_forces(tip, obj, state)
+        field = model.contact_forces(tip, obj, state)
         assert np.isfinite(state.deformation.nodes).all()
         assert (np.abs(field.friction) <= mu * field.normal + 1e-9).all()
 
@@ -123,36 +92,13 @@ def test_any_history_stays_finite_and_in_the_cone(
     ("grip", "kpa", "load", "margin"), [(5.0, 200, 0.25, 0.90), (5.0, 200, 0.65, 0.74)]
 )
 def test_conservative_margins(grip: float, kpa: float, load: float, margin: float) -> None:
-    obj = ContactObject(stiffness=stiffness_from_young(kpa * 1e3))
+    obj = model.ContactObject(stiffness=model.stiffness_from_young(kpa * 1e3))
     _, field = settle(obj, grip, load)
     assert field.safety_margin(0.5) == pytest.approx(margin, abs=0.005)
 
 
 def test_finer_chain_agrees() -> None:
     _, coarse = settle(FLAT, 2.0, 0.5)
-    _, fine = settle(FLAT, 2.0, 0.5, tip=Fingertip(nodes=501))
+    _, fine = settle(FLAT, 2.0, 0.5, tip=model.Fingertip(nodes=501))
     assert fine.total_normal == pytest.approx(coarse.total_normal, rel=0.01)
     assert fine.safety_margin(0.5) == pytest.approx(coarse.safety_margin(0.5), abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        (
-            {"stiffness": -1.0},
-            "object stiffness must be finite and above 0 and at most 1e.09 N/m, got -1.0",
-        ),
-        ({"friction": float("nan")}, "friction coefficient .* got nan"),
-        ({"curvature": 1e6}, "object curvature must lie in -1000…1000 1/m"),
-    ],
-)
-def test_bad_objects_are_named(changes: dict[str, float], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        ContactObject(**changes)
-
-
-def test_bad_fingertips_and_steps_are_named() -> None:
-    with pytest.raises(ValueError, match="must be odd"):
-        Fingertip(nodes=250)
-    with pytest.raises(ValueError, match="dt > 0"):
-        step(TIP, FLAT, rest_state(TIP), 0.0, 1.0, 0.0)

@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -83,6 +83,7 @@ def test_normals_are_slopes_of_the_distance(name: str) -> None:
 
 
 @every_shape
+@settings(max_examples=25)
 @given(here=points, there=points)
 def test_no_distance_changes_faster_than_the_place(name: str, here: tuple, there: tuple) -> None:
     gap, normal = shapes.distances(SHAPES[name], [here, there])
@@ -100,15 +101,18 @@ def test_centres_axes_and_edges_have_a_normal(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in SHAPES if name not in ("plane", "rod")])
-def test_a_turned_shape_reaches_down_to_the_lowest_point_that_is_in_it(name: str) -> None:
+def test_a_turned_shape_reaches_down_to_its_lowest_point(name: str) -> None:
+    """Against places on its surface: the feet of points around it."""
     shape = SHAPES[name]
-    p = cloud(400_000, 8.5e-3)
-    inside = p[shapes.distances(shape, p)[0] < 0.0]
-    assert (inside > shape.bounds[0]).all()
-    assert (inside < shape.bounds[1]).all()
+    p = cloud(20_000)
+    gap, normal = shapes.distances(shape, p)
+    surface = p - gap[:, None] * normal
+    assert (surface > shape.bounds[0] - 1e-12).all()
+    assert (surface < shape.bounds[1] + 1e-12).all()
     for turn in Rotation.random(5, random_state=1).as_matrix():
-        lowest = -(inside @ turn.T)[:, 2].min()
-        assert lowest <= shape.reach_down(turn) < lowest + 1.2e-3
+        lowest = -(surface @ turn.T)[:, 2].min()
+        assert lowest <= shape.reach_down(turn) + 1e-12
+        assert shape.reach_down(turn) < lowest + 0.3e-3
         gap, _ = shapes.distances(shape, [-shape.reach_down(turn) * turn[2]])
         assert gap[0] >= -1e-15
 
@@ -127,21 +131,3 @@ def test_arrays_of_a_shape_cannot_be_written() -> None:
     for each in (shape, copy.deepcopy(shape), pickle.loads(pickle.dumps(shape))):
         for array in (each.numbers, each.grid, each.origin, each.bounds, each.corners):
             assert not array.flags.writeable
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: shapes.ball(-1.0), "radius of a ball must lie in"),
-        (lambda: shapes.ball(float("nan")), "radius of a ball must lie in"),
-        (lambda: shapes.box((1e-2, 1e-2), 0.0), "must be one edge or three"),  # type: ignore[arg-type]
-        (lambda: shapes.box(1e-2, 6e-3), "rounding of a box must lie in 0…0.005 m"),
-        (lambda: shapes.cylinder(1e-2, 1e-2, 6e-3), "rounding of a cylinder"),
-        (lambda: shapes.capsule(5e-3, 8e-3), "length of a capsule must lie in 0.01…10 m"),
-        (lambda: shapes.torus(2e-3, 3e-3), "tube of a torus"),
-        (lambda: shapes.cone(4e-3, 8e-3, 3e-3), "rounding of a cone"),
-    ],
-)
-def test_shapes_that_cannot_be_are_refused(make, words: str) -> None:
-    with pytest.raises(UserError, match=words):
-        make()

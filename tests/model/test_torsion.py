@@ -39,6 +39,24 @@ def test_the_slope_gives_the_torsion_from_the_wrench(seed: int) -> None:
     assert twist == pytest.approx(slope @ [*force, about_axis], rel=1e-9, abs=1e-15)
 
 
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20)
+def test_net_friction_is_what_lies_across_the_mean_normal(seed: int) -> None:
+    """Against a projection by QR, on a contact whose normals differ and nodes leave."""
+    random = np.random.default_rng(seed)
+    directions = random.normal([0.0, 0.0, 2.0], 0.5, (9, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    on = np.arange(9) < 7
+    of = replace(
+        field(seed), friction=random.normal(0.1, 0.2, (9, 3)), directions=directions, contact=on
+    )
+    mean = (of.normal[on, None] * directions[on]).sum(axis=0)
+    across = np.linalg.qr(np.column_stack([mean, np.eye(3)[:, :2]]))[0][:, 1:]
+    expected = across @ (across.T @ of.friction[on].sum(axis=0))
+    assert of.net_friction == pytest.approx(expected, abs=1e-12)
+    assert of.total_friction == pytest.approx(np.linalg.norm(expected))
+
+
 EDGES = (0.010, 0.024, 0.052)
 
 

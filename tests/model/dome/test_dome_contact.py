@@ -10,13 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from chromagrip.errors import UserError
 from chromagrip.model import (
     ConvergenceError,
     Dome,
     Motion,
     Solid,
-    contact_steps,
     dome_forces,
     limit_margin,
     press_and_move,
@@ -25,7 +23,6 @@ from chromagrip.model import (
 )
 from chromagrip.model.dome.dome import lattice
 from chromagrip.model.dome.solid import touched
-from chromagrip.model.dome.state import resting
 from chromagrip.model.dome.stepper import Stepper, displacements
 from chromagrip.model.kernels.dome.dahl_vector_kernels import dahl_vector
 from chromagrip.model.kernels.dome.touch_kernels import Pose, Stiffening, touch
@@ -120,42 +117,39 @@ def test_hertz(rigid_press: tuple[Solid, Motion]) -> None:
         assert radius == pytest.approx(math.sqrt(THICK.radius * depth), abs=THICK.spacing)
 
 
-@pytest.mark.parametrize("case", ["8/6 nu 0.48 plane slip", "8/6 nu 0.48 ball 5 slip"])
-def test_small_contacts_are_those_of_linear_elements(case: str) -> None:
-    """From two nodes' radius on; too wide a load for a node would make them stiffer."""
-    found = json.loads((FIXTURES / "hyperelastic" / "presses.json").read_text(encoding="utf-8"))
-    press = found["cases"][case]
-    dome = Dome(stiffening=False, reach=math.radians(50.0))
-    shape = plane() if press["ball"] is None else ball(1e-3 * press["ball"])
-    smooth = Solid(shape=shape, stiffness=1e12, friction=1e-6, dahl_stiffness=1e11)
-    run = simulate_contact(dome, smooth, press_and_move(0.8e-3, press_s=0.016), 1e-3, keep=1)
-    for share, force in zip(found["depths"], press["linear"]["force"], strict=True):
-        if 0.1 <= share <= 0.4:
-            (step,) = np.flatnonzero(np.isclose(run.times, 0.04 * share))
-            expected = force * 1e-6 * dome.young
-            assert -run.total_forces[step, 2] == pytest.approx(expected, rel=0.04)
-
-
 @pytest.mark.parametrize(
-    "case", ["8/6 nu 0.48 plane slip", "12/9 nu 0.49 plane slip", "14/9.8 nu 0.485 ball 30 slip"]
+    ("case", "law", "low", "high", "error"),
+    [
+        # From two nodes' radius on; too wide a load for a node would make them stiffer.
+        ("8/6 nu 0.48 plane slip", "linear", 0.1, 0.4, 0.04),
+        ("8/6 nu 0.48 ball 5 slip", "linear", 0.1, 0.4, 0.04),
+        # From .3 to .6 of the silicone; shallower contacts are a few nodes wide.
+        ("8/6 nu 0.48 plane slip", "hyperelastic", 0.3, 0.6, 0.05),
+        ("12/9 nu 0.49 plane slip", "hyperelastic", 0.3, 0.6, 0.05),
+        ("14/9.8 nu 0.485 ball 30 slip", "hyperelastic", 0.3, 0.6, 0.05),
+    ],
 )
-def test_force_at_depth_is_that_of_hyperelastic_elements(case: str) -> None:
-    """From .3 to .6 of the silicone; shallower contacts are a few nodes wide."""
+def test_forces_at_depths_are_those_of_finite_elements(
+    case: str, law: str, low: float, high: float, error: float
+) -> None:
     found = json.loads((FIXTURES / "hyperelastic" / "presses.json").read_text(encoding="utf-8"))
     press = found["cases"][case]
     dome = Dome(
         radius=1e-3 * press["radius"], core=1e-3 * press["core"], poisson=press["nu"],
-        reach=math.radians(50.0),
+        reach=math.radians(50.0), stiffening=law != "linear",
     )  # fmt: skip
     shape = plane() if press["ball"] is None else ball(1e-3 * press["ball"])
     smooth = Solid(shape=shape, stiffness=1e12, friction=1e-6, dahl_stiffness=1e11)
-    motion = press_and_move(0.6 * dome.thickness, press_s=0.024)
+    motion = press_and_move(high * dome.thickness, press_s=0.04 * high)
     run = simulate_contact(dome, smooth, motion, 1e-3, keep=1)
-    for share, force in zip(found["depths"], press["hyperelastic"]["force"], strict=True):
-        if share >= 0.3:
+    compared = 0
+    for share, force in zip(found["depths"], press[law]["force"], strict=True):
+        if low <= share <= high:
+            compared += 1
             (step,) = np.flatnonzero(np.isclose(run.times, 0.04 * share))
             expected = force * 1e-6 * dome.young
-            assert -run.total_forces[step, 2] == pytest.approx(expected, rel=0.05)
+            assert -run.total_forces[step, 2] == pytest.approx(expected, rel=error)
+    assert compared >= 3
 
 
 def test_torsion_and_partial_slip(rigid_press: tuple[Solid, Motion]) -> None:
@@ -189,69 +183,13 @@ def test_torsion_and_partial_slip(rigid_press: tuple[Solid, Motion]) -> None:
     assert seen > 5
 
 
-def test_symmetry() -> None:
-    """A press has no sideways force, a pure twist no force at all in the plane."""
-    run = simulate_contact(LINEAR, Solid(shape=plane()), press_and_move(0.5e-3, twist=0.3), 5e-3)
-    assert abs(run.total_forces[:, :2]).max() < 1e-5
-    assert abs(run.total_torques[:, :2]).max() < 1e-7
-    assert run.total_torques[-1, 2] > 1e-4
-
-
-@pytest.mark.parametrize(("angle", "error"), [(2.0 * math.pi / 3.0, 1e-5), (0.7, 0.01)])
-def test_a_turned_scene_gives_the_turned_answer(angle: float, error: float) -> None:
-    c, s = math.cos(angle), math.sin(angle)
-    straight = simulate_contact(
-        LINEAR, Solid(shape=ball(10e-3)), press_and_move(0.4e-3, shift=(0.2e-3, 0.0)), 5e-3
-    )
-    turned = simulate_contact(
-        LINEAR,
-        Solid(shape=ball(10e-3)),
-        press_and_move(0.4e-3, shift=(0.2e-3 * c, 0.2e-3 * s)),
-        5e-3,
-    )
-    x, y, z = straight.total_forces[-1]
-    size = float(np.linalg.norm(straight.total_forces[-1]))
-    assert turned.total_forces[-1] == pytest.approx(
-        [c * x - s * y, s * x + c * y, z], abs=error * size
-    )
-
-
-def test_long_steps_give_what_short_ones_do() -> None:
-    """Sliding by 5 and by 200 µm a step."""
-    motion = press_and_move(0.6e-3, shift=(1e-3, 0.0))
-    short = simulate_contact(COARSE, Solid(shape=plane()), motion, 0.5e-3, keep=1)
-    long = simulate_contact(COARSE, Solid(shape=plane()), motion, 20e-3, keep=1)
-    assert long.total_forces[-1, [0, 2]] == pytest.approx(short.total_forces[-1, [0, 2]], rel=0.015)
-
-
-def test_a_closed_loop_makes_no_energy() -> None:
-    """Work of press, shift, back and lift is not negative, by the linear law."""
-    knots = np.zeros((5, 6))
-    knots[1:4, 2] = -0.5e-3
-    knots[2, 0] = 0.3e-3
-    motion = Motion(times=np.linspace(0.0, 0.4, 5), poses=knots)
-    run = simulate_contact(
-        Dome(pitch=0.7e-3, reach=math.radians(45.0), stiffening=False),
-        Solid(shape=plane()), motion, 2e-3, keep=1,
-    )  # fmt: skip
-    moved = np.diff(run.places, axis=0)
-    mean = 0.5 * (run.total_forces[1:] + run.total_forces[:-1])
-    work = (mean * moved).sum()
-    assert work > 0.0
-    assert abs(run.total_forces[-1]).max() < 1e-9
-
-
-@pytest.mark.parametrize("stiffness", [1e8, 1e9, 1e11, 1e13])
+@pytest.mark.parametrize("stiffness", [1e8, 1e13])
 def test_any_stiffness_converges(stiffness: float) -> None:
     solid = Solid(shape=plane(), stiffness=stiffness, dahl_stiffness=min(max(stiffness, 5e9), 1e11))
     motion = press_and_move(0.4e-3, shift=(0.4e-3, 0.0), twist=0.3)
     run = simulate_contact(COARSE, solid, motion, 5e-3)
     assert run.rounds.mean() < 6.0
     assert run.unconverged == 0
-    for state in run.states:
-        field = dome_forces(COARSE, state)
-        friction = np.linalg.norm(field.friction, axis=1)
-        assert (friction <= 0.5 * field.normal * (1.0 + 1e-9)).all()
 
 
 def test_an_edge_that_comes_over_the_tip() -> None:
@@ -298,73 +236,20 @@ def test_viscosity_slows_the_skin_and_is_gone_at_rest() -> None:
     assert slow.total_forces[-1, 2] == pytest.approx(quick.total_forces[-1, 2], rel=0.01)
 
 
-def test_a_run_goes_on_bit_for_bit() -> None:
-    motion = press_and_move(0.4e-3, shift=(0.2e-3, 0.1e-3), twist=0.2)
-    solid = Solid(shape=ball(10e-3))
-    whole = simulate_contact(COARSE, solid, motion, 5e-3, keep=11)
-    start = whole.states[6]
-    rest = simulate_contact(COARSE, solid, motion, 5e-3, start=start, keep=1)
-    assert np.array_equal(rest.end.forces, whole.end.forces)
-    assert np.array_equal(rest.end.displacement, whole.end.displacement)
-    *_, (last, _) = contact_steps(COARSE, solid, motion, 5e-3, start)
-    assert np.array_equal(last.state().forces, whole.end.forces)
-
-
 def test_forces_add_up_to_the_totals() -> None:
     run = simulate_contact(
         COARSE, Solid(shape=ball(10e-3)), press_and_move(0.4e-3, shift=(0.2e-3, 0.0)), 5e-3
     )
+    assert solid_stiffness(200e3) == pytest.approx(1e9, rel=0.01)  # as the chain's object
     field = dome_forces(COARSE, run.end)
-    assert field.total_force == pytest.approx(run.total_forces[-1], abs=1e-12)
     torque = [field.torque(axis) for axis in np.eye(3)]
     assert torque == pytest.approx(run.total_torques[-1], abs=1e-9)
     assert 0.0 < field.safety_margin(0.5) < 1.0
     assert limit_margin(COARSE, run.solid, run.end) <= field.safety_margin(0.5) + 1e-6
 
 
-def test_the_chain_and_the_dome_take_the_same_object() -> None:
-    assert solid_stiffness(200e3) == pytest.approx(1e9, rel=0.01)
-
-
-@pytest.mark.parametrize(
-    ("motion", "words"),
-    [
-        (lambda: Motion(times=[0.0, 0.1], poses=np.full((2, 6), np.nan)), "finite"),
-        (lambda: Motion(times=[0.0, 0.0], poses=np.zeros((2, 6))), "increasing"),
-        (lambda: Motion(times=[0.0, 0.1], poses=np.zeros((3, 6))), "shape"),
-        (lambda: Motion(times=[0.0, 0.1], poses=np.zeros((2, 6)), free=("x",)), "mass or drag"),
-        (lambda: Motion(times=[0.0, 0.1], poses=np.zeros((2, 6)), free=("up",)), "free axes"),
-    ],
-)
-def test_impossible_motions_are_refused(motion: object, words: str) -> None:
-    with pytest.raises(UserError, match=words):
-        motion()  # type: ignore[operator]
-
-
-def test_an_object_in_the_dome_at_the_start_is_refused() -> None:
-    motion = Motion(
-        times=np.array([0.0, 0.1]), poses=np.array([[0, 0, -1e-4, 0, 0, 0], [0, 0, -2e-4, 0, 0, 0]])
-    )
-    with pytest.raises(UserError, match="inside the skin at the start"):
-        simulate_contact(COARSE, Solid(shape=plane()), motion, 5e-3)
-
-
-def test_what_no_one_can_mean_is_refused() -> None:
-    with pytest.raises(UserError, match="depth of a press must be finite and above 0 m"):
-        press_and_move(-1e-3)
-    with pytest.raises(UserError, match="touched by a Solid"):
-        simulate_contact(LINEAR, plane(), press_and_move(0.1e-3), 5e-3)  # type: ignore[arg-type]
-
-
-def test_a_press_through_the_silicone_is_refused() -> None:
-    solid = Solid(shape=plane(), stiffness=1e11)
-    with pytest.raises(UserError, match="of the silicone"):
-        simulate_contact(COARSE, solid, press_and_move(1.9e-3), 5e-3)
-
-
-@pytest.mark.parametrize("turn", [0.0, 0.5])
 @pytest.mark.parametrize("shape", [ball(3e-3), torus(4e-3, 0.5e-3), cylinder(2e-3, 6e-3, 0.5e-3)])
-def test_the_slope_of_a_node_is_its_derivative(shape: Shape, turn: float) -> None:
+def test_the_slope_of_a_node_is_its_derivative(shape: Shape) -> None:
     """On curved objects, by differences: the normal turns, and the friction with it and the object.
 
     An object that turns in the step moves the place that a node's slip is counted from.
@@ -372,7 +257,7 @@ def test_the_slope_of_a_node_is_its_derivative(shape: Shape, turn: float) -> Non
     solid = Solid(shape=shape, stiffness=1e9, dahl_stiffness=2e8, dahl_exponent=0.5)
     still = np.eye(3)
     down = np.array([0.0, 0.0, shape.reach_down()])
-    before = Rotation.from_rotvec([0.0, 0.0, -turn]).as_matrix()
+    before = Rotation.from_rotvec([0.0, 0.0, -0.5]).as_matrix()
     pose = Pose(before, down + np.array([2e-5, 1e-5, 4e-5]), still, down)
     law = Stiffening(2.0, 1.4, 2e-3)
 
@@ -394,10 +279,9 @@ def test_the_slope_of_a_node_is_its_derivative(shape: Shape, turn: float) -> Non
         assert change == pytest.approx(slope[:, k], abs=0.02 * abs(slope).max())
 
 
-@pytest.mark.parametrize("friction", [1e-6, 0.5])
-def test_a_skin_that_creeps_comes_to_the_same_rest(friction: float) -> None:
+def test_a_skin_that_creeps_comes_to_the_same_rest() -> None:
     """A step of a ball by creeping, as over an edge, and a plain one: the same equilibrium."""
-    solid = Solid(shape=ball(5e-3), friction=friction)
+    solid = Solid(shape=ball(5e-3), friction=0.5)
     motion = press_and_move(0.4e-3, shift=(0.1e-3, 0.0), press_s=0.02, move_s=0.02)
     start = simulate_contact(COARSE, solid, motion, 1e-3, keep=40).states[24]
     ends = []
@@ -423,16 +307,3 @@ def test_a_rigid_object_is_never_said_not_to_touch(exponent: float) -> None:
     except ConvergenceError:
         return  # it says so
     assert run.total_forces[-1, 2] < -0.5
-
-
-def test_a_state_of_another_dome_is_refused() -> None:
-    """Its nodes are others: a kernel would read beyond the end of its arrays."""
-    fine, coarse = Dome(pitch=0.8e-3), Dome(pitch=0.9e-3)
-    motion, solid = press_and_move(1e-4), Solid(shape=plane())
-    state = resting(fine, solid, motion)
-    for use in (
-        lambda: simulate_contact(coarse, solid, motion, dt=0.1, start=state),
-        lambda: dome_forces(coarse, state),
-    ):
-        with pytest.raises(UserError, match=r"of a dome with \d+ nodes"):
-            use()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from chromagrip.model import Dome, Solid, press_and_move, simulate_contact
+from chromagrip.model import Dome, Pad, SoftBody, Solid, press_and_move, simulate_contact
 from chromagrip.model.dome import MarkerField, SkinField, lattice
 from chromagrip.model.dome.inside import _spline
 from chromagrip.model.kernels.dome.inside_kernels import add_columns
@@ -17,6 +17,7 @@ from chromagrip.model.shapes import ball, plane
 FIXTURES = Path(__file__).parents[3] / "fixtures"
 
 SMALL = Dome(pitch=0.8e-3, reach=math.radians(50.0))
+PAD = Pad(radius=6e-3, pitch=0.6e-3)
 _RNG = np.random.default_rng(0)
 PLACES = np.column_stack([_RNG.uniform(0.1, 0.8, 40), _RNG.uniform(0.0, 6.0, 40)])
 
@@ -34,13 +35,17 @@ def _moved(dome: Dome, places: np.ndarray, depth: float, forces: np.ndarray) -> 
     return MarkerField(dome, places[None], (depth,))(forces)[0][0]
 
 
-def test_silicone_that_is_bonded_to_the_core_stays() -> None:
-    forces = _patch(SMALL, (0.3, 0.2, 0.93), 9)
-    field = MarkerField(SMALL, np.stack([PLACES, PLACES]), (0.5e-3, SMALL.thickness))
+@pytest.mark.parametrize("body", [SMALL, PAD], ids=lambda body: body.kind)
+def test_silicone_that_is_bonded_to_the_core_stays(body: SoftBody) -> None:
+    points = lattice(body)
+    forces = points.areas[:, None] * np.where(points.points[:, :1] > 0.0, [1e3, 2e3, -3e3], 0.0)
+    unit = body.radius if isinstance(body, Pad) else 1.0
+    places = PLACES * [unit, 1.0]
+    field = MarkerField(body, np.stack([places] * 2), (0.4e-3, body.thickness))
     displacement, slopes = field(forces)
     assert abs(displacement[0]).max() > 1e-6
     assert abs(displacement[1]).max() < 1e-9 * abs(displacement[0]).max()
-    assert abs(slopes[1]).max() < 1e-9 * abs(slopes[0]).max()
+    assert abs(slopes[1]).max() < 1e-6 * abs(slopes[0]).max()
 
 
 @pytest.mark.parametrize("depth", [0.4e-3, 1.2e-3])
@@ -94,9 +99,9 @@ def test_markers_just_under_the_skin_move_as_it_does() -> None:
     assert apart < 0.03 * np.linalg.norm(skin[inner])
 
 
-@pytest.mark.parametrize("poisson", [pytest.param(0.3, marks=pytest.mark.stages), 0.48])
-def test_a_thick_dome_moves_inside_as_a_half_space(poisson: float) -> None:
+def test_a_thick_dome_moves_inside_as_a_half_space() -> None:
     """u_z = (1 + ν)·F/(2π·E·ρ)·(z²/ρ² + 2·(1 − ν)) of Boussinesq, from one depth to another."""
+    poisson = 0.48
     dome = Dome(core=0.5e-3, poisson=poisson, pitch=0.25e-3, reach=math.radians(20.0))
     points = lattice(dome)
     forces = np.zeros_like(points.points)
@@ -113,7 +118,7 @@ def test_a_thick_dome_moves_inside_as_a_half_space(poisson: float) -> None:
     assert moved[0] - moved[1] == pytest.approx(expected, rel=0.05)
 
 
-@pytest.mark.parametrize("count", [0, 1, 3, 4, 5, 8, 11])
+@pytest.mark.parametrize("count", [0, 1, 3, 11])
 def test_columns_add_up_whatever_their_number(count: int) -> None:
     rng = np.random.default_rng(count)
     columns = rng.normal(size=(12, 3, 50)).astype(np.float32)
