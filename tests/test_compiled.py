@@ -32,6 +32,7 @@ ENVIRONMENT = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
 COMPILING = "chromagrip: compiling its kernels, once; this takes about a minute"
 
 Run = Callable[..., CompletedProcess[str]]
+SLOW = pytest.mark.environments
 
 
 @pytest.fixture
@@ -56,6 +57,7 @@ def kept(folder: Path) -> int:
     return len(list(folder.rglob("*.nbc")))
 
 
+@SLOW
 def test_compiling_is_said_at_the_first_run_only(run: Run, tmp_path: Path) -> None:
     assert run().stderr == f"{COMPILING}\n"
     assert run().stderr == ""
@@ -63,40 +65,29 @@ def test_compiling_is_said_at_the_first_run_only(run: Run, tmp_path: Path) -> No
     assert not (tmp_path / "user").exists()
 
 
-def test_a_folder_that_is_chosen_is_used(run: Run, tmp_path: Path) -> None:
-    assert run(NUMBA_CACHE_DIR=tmp_path / "chosen").stderr == f"{COMPILING}\n"
-    assert run(NUMBA_CACHE_DIR=tmp_path / "chosen").stderr == ""
+@SLOW
+def test_where_kernels_are_kept_and_what_is_said(run: Run, tmp_path: Path) -> None:
+    """In a folder of one's choice, in the user's if the package cannot be written, or nowhere."""
+    for words in (f"{COMPILING}\n", ""):
+        assert run(NUMBA_CACHE_DIR=tmp_path / "chosen").stderr == words
     assert kept(tmp_path / "chosen/chromagrip/kernels") == 2
-
-
-@pytest.mark.environments
-def test_a_chosen_folder_that_cannot_be_written_is_said(run: Run, tmp_path: Path) -> None:
     lost = tmp_path / "code/kernel.py"  # a file, which nobody can write into as a folder
     for _ in range(2):
         (sentence,) = run(NUMBA_CACHE_DIR=lost).stderr.splitlines()
         assert f"NUMBA_CACHE_DIR={lost} cannot be written" in sentence
         assert "compiled at each start" in sentence
-
-
-@pytest.mark.environments
-def test_a_package_that_cannot_be_written_is_said(run: Run, tmp_path: Path) -> None:
     (tmp_path / "code/__pycache__").write_text("no folder")
     (sentence,) = run().stderr.splitlines()
     assert sentence.startswith(f"{COMPILING} (they are kept in {tmp_path / 'user/chromagrip'}, ")
     assert run().stderr == ""
     assert kept(tmp_path / "user") == 2
-
-
-@pytest.mark.environments
-def test_nothing_that_can_be_written_is_said(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "code/__pycache__").write_text("no folder")
     for _ in range(2):
-        (sentence,) = run(XDG_CACHE_HOME=tmp_path / "code/kernel.py").stderr.splitlines()
+        (sentence,) = run(XDG_CACHE_HOME=lost).stderr.splitlines()
         assert "cannot be written, so the kernels are compiled at each start" in sentence
         assert "set NUMBA_CACHE_DIR to a folder that can be written" in sentence
 
 
-@pytest.mark.environments
+@SLOW
 def test_a_process_is_cold_that_finds_no_kernel(run: Run, tmp_path: Path) -> None:
     kernel = tmp_path / "code/kernel.py"
     kernel.write_text(kernel.read_text() + "import sys\nprint(compiled.cold(), file=sys.stderr)\n")
@@ -104,7 +95,7 @@ def test_a_process_is_cold_that_finds_no_kernel(run: Run, tmp_path: Path) -> Non
     assert run().stderr == "False\n"
 
 
-@pytest.mark.environments
+@SLOW
 def test_what_nobody_used_for_a_week_is_removed(run: Run, tmp_path: Path) -> None:
     run()
     home, now, day = tmp_path / "code/__pycache__/kernels", time.time(), 86400.0
@@ -125,6 +116,7 @@ def test_what_nobody_used_for_a_week_is_removed(run: Run, tmp_path: Path) -> Non
     assert kept(home) == 4
 
 
+@SLOW
 def test_processes_may_compile_at_once(run: Run, tmp_path: Path) -> None:
     with ThreadPoolExecutor() as pool:
         assert len({done.stdout for done in pool.map(lambda _: run(), range(2))}) == 1
@@ -138,87 +130,53 @@ import numpy as np
 from chromagrip import compiled
 import far
 from far import PAIRS, Pair, b, twice
-
 SHARE = 3.0
 TABLE = np.array([2.0, 5.0])
-
 @compiled.njit()
-def a(x):
-    return b(x) + 1.0
-
+def a(x): return b(x) + 1.0
 @compiled.njit()
 def c(x):
     "Multiply."
     return SHARE * x
-
 @compiled.njit()
-def by_array(x):
-    return TABLE[1] + PAIRS[0].second * x
-
+def by_array(x): return TABLE[1] + PAIRS[0].second * x
 @compiled.njit()
-def by_module(x):
-    return far.d(x)
-
+def by_module(x): return far.d(x)
 def enclosed(kernel, summand):
     @compiled.njit()
-    def by_closure(x):
-        return kernel(x) + summand
+    def by_closure(x): return kernel(x) + summand
     return by_closure
-
 by_closure = enclosed(far.d, 100.0)
-
 @compiled.njit()
-def early(x):
-    return late(x)
-
+def early(x): return late(x)
 @compiled.njit()
-def late(x):
-    return x - 5.0
-
+def late(x): return x - 5.0
 @compiled.njit()
-def by_intrinsic(x):
-    return twice(x)
-
+def by_intrinsic(x): return twice(x)
 @compiled.njit()
-def by_fields(pair):
-    return pair[0] - 2.0 * pair.first
-
+def by_fields(pair): return pair[0] - 2.0 * pair.first
 @compiled.njit()
-def size(x):
-    return later(x)
-
+def size(x): return later(x)
 @compiled.njit()
-def length(x):
-    return x.size
-
+def length(x): return x.size
 LENGTH = length(np.zeros(3))  # called before all names have values; one of them is called size
-
 @compiled.njit()
-def later(x):
-    return x + 7.0
+def later(x): return x + 7.0
 """
 FAR = """
 from typing import NamedTuple
 from chromagrip import compiled
 from numba.extending import intrinsic
-
 class Pair(NamedTuple):
     first: float
     second: float
-
 PAIRS = (Pair(1.0, 2.0),)
-
 @compiled.njit()
-def b(x, by=2.0):
-    return by * x
-
+def b(x, by=2.0): return by * x
 @compiled.njit()
-def d(x):
-    return x / 4.0
-
+def d(x): return x / 4.0
 def added(builder, x, y):
     return builder.fadd(x, y)
-
 @intrinsic
 def twice(context, x):
     def write(context, builder, signature, arguments):
@@ -256,13 +214,15 @@ class Package:
         assert self.run() == (RESULTS, sorted(RESULTS))
 
     def run(
-        self, old: str = "", new: str = "", **changes: str
+        self, replaced: dict[str, str] | None = None, **changes: str
     ) -> tuple[dict[str, float], list[str]]:
-        """Results of all kernels, and which are compiled, where one text is replaced."""
-        held = [text.count(old) for text in self.sources.values()] if old else [1]
-        assert sum(held) == 1, f"{old} stands there {held} times"
-        for name, text in self.sources.items():
-            (self.folder / name).write_text(text.replace(old, new) if old else text)
+        """Results of all kernels, and which are compiled, where some texts are replaced."""
+        sources = dict(self.sources)
+        for old, new in (replaced or {}).items():
+            (name,) = [name for name, text in sources.items() if text.count(old) == 1]
+            sources[name] = sources[name].replace(old, new)
+        for name, text in sources.items():
+            (self.folder / name).write_text(text)
         done = subprocess.run(
             [sys.executable, "-P", "-B", str(self.folder / "main.py")],
             env=ENVIRONMENT | changes, capture_output=True, text=True, check=False,
@@ -277,62 +237,53 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Package:
     return Package(tmp_path_factory.mktemp("package"))
 
 
-#: Further ways in which a kernel reaches a value.
-S = pytest.mark.environments
+#: Changes of the sources, and of results; those of a group have no result in common.
+CHANGES: dict[str, tuple[dict[str, str], dict[str, float]]] = {
+    "file, array, closure, below": (
+        {"return by * x": "return by + by * x", "[2.0, 5.0]": "[2.0, 6.0]", "100.0": "200.0",
+         "x - 5.0": "x - 6.0"},
+        {"a": 7.0, "b": 6.0, "by_array": 10.0, "by_closure": 200.5, "early": -4.0, "late": -4.0},
+    ),
+    "caller, number, tuple, helper": (
+        {"b(x) + 1.0": "b(x) - 1.0", "SHARE = 3.0": "SHARE = 3.5", "Pair(1.0, 2.0),":
+         "Pair(1.0, 3.0),", "builder.fadd": "builder.fsub"},
+        {"a": 3.0, "c": 7.0, "by_array": 11.0, "by_intrinsic": 0.0},
+    ),
+    "default, module, importing, intrinsic": (
+        {"by=2.0": "by=3.0", "x / 4.0": "x / 8.0", "x + 7.0": "x + 8.0",
+         "arguments[0], arguments[0])": "arguments[0], arguments[0].type(1.0))"},
+        {"a": 7.0, "b": 6.0, "d": 0.25, "by_module": 0.25, "by_closure": 100.25, "size": 10.0,
+         "later": 10.0, "by_intrinsic": 3.0},
+    ),
+    "fields": (
+        {"first: float\n    second: float": "second: float\n    first: float"},
+        {"by_array": 7.0, "by_fields": -12.0},
+    ),
+}  # fmt: skip
+QUICK, *MORE = CHANGES
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "changed"),
-    [
-        pytest.param("return by * x", "return by + by * x", {"a": 7.0, "b": 6.0}, id="file"),
-        pytest.param("by=2.0", "by=3.0", {"a": 7.0, "b": 6.0}, id="default", marks=S),
-        pytest.param("b(x) + 1.0", "b(x) - 1.0", {"a": 3.0}, id="caller"),
-        pytest.param("SHARE = 3.0", "SHARE = 3.5", {"c": 7.0}, id="number", marks=S),
-        pytest.param("[2.0, 5.0]", "[2.0, 6.0]", {"by_array": 10.0}, id="array"),
-        pytest.param("Pair(1.0, 2.0),", "Pair(1.0, 3.0),", {"by_array": 11.0}, id="tuple", marks=S),
-        pytest.param(
-            "x / 4.0", "x / 8.0", {"d": 0.25, "by_module": 0.25, "by_closure": 100.25},
-            id="module", marks=S,
-        ),
-        pytest.param("100.0", "200.0", {"by_closure": 200.5}, id="closure"),
-        pytest.param("x - 5.0", "x - 6.0", {"early": -4.0, "late": -4.0}, id="below", marks=S),
-        pytest.param("x + 7.0", "x + 8.0", {"size": 10.0, "later": 10.0}, id="importing", marks=S),
-        pytest.param(
-            "arguments[0], arguments[0])", "arguments[0], arguments[0].type(1.0))",
-            {"by_intrinsic": 3.0}, id="intrinsic", marks=S,
-        ),
-        pytest.param("builder.fadd", "builder.fsub", {"by_intrinsic": 0.0}, id="helper", marks=S),
-        pytest.param(
-            "first: float\n    second: float", "second: float\n    first: float",
-            {"by_array": 7.0, "by_fields": -12.0}, id="fields", marks=S,
-        ),
-    ],
-)  # fmt: skip
-def test_a_change_compiles_what_reaches_it(
-    package: Package, old: str, new: str, changed: dict[str, float]
-) -> None:
-    assert package.run(old, new) == (RESULTS | changed, sorted(changed))
+@pytest.mark.parametrize("group", [QUICK, *(pytest.param(each, marks=SLOW) for each in MORE)])
+def test_changes_compile_what_reaches_them(package: Package, group: str) -> None:
+    replaced, changed = CHANGES[group]
+    assert package.run(replaced) == (RESULTS | changed, sorted(changed))
 
 
-@pytest.mark.environments
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("", ""),  # back
-        ("\nSHARE", "\n\n# A share.\nSHARE"),
-        ("Multiply", "Multiply by it"),
-        ("def d(x):", "def d(x: float) -> float:\n    # a quarter"),
-    ],
-    ids=["nothing", "lines", "docstring", "annotation"],
-)
-def test_what_is_no_code_compiles_nothing(package: Package, old: str, new: str) -> None:
-    assert package.run(old, new) == (RESULTS, [])
+def test_what_is_no_code_compiles_nothing(package: Package) -> None:
+    nothing = {
+        "\nSHARE": "\n\n# A share.\nSHARE",
+        "Multiply": "Multiply by it",
+        "def d(x):": "def d(x: float) -> float:",
+    }
+    assert package.run(nothing) == (RESULTS, [])
 
 
+@SLOW
 def test_checked_bounds_are_other_code(package: Package) -> None:
     assert package.run(NUMBA_BOUNDSCHECK="1") == (RESULTS, sorted(RESULTS))
 
 
+@SLOW
 def test_what_has_no_digest_is_compiled_at_each_start(tmp_path: Path) -> None:
     script = tmp_path / "kernel.py"
     script.write_text("""

@@ -1,9 +1,11 @@
 """What the documentation says exists: pages, commands, flags, files; and its examples run."""
 
 import re
+import runpy
 import shlex
 import sys
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
@@ -21,15 +23,12 @@ from chromagrip.loop.poses.dome_poses import DOME_ARRAYS
 from chromagrip.loop.poses.poses import ARRAYS
 from chromagrip.measure.study import studies
 from chromagrip.output.parquet import DISPLACEMENTS, FORCES, TRACKS
+from chromagrip.render import load_sensor
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "fixtures/README.md"])
 APPENDIX = sorted((ROOT / "docs/appendix").glob("*.md"))
 Typed = Callable[..., CompletedProcess[str]]
-
-
-def name_of(page: Path) -> str:
-    return page.relative_to(ROOT).as_posix()
 
 
 def blocks(text: str) -> list[tuple[str, str]]:
@@ -55,28 +54,29 @@ def typed_commands(text: str) -> Iterator[list[str]]:
             yield found[1].split()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_links_lead_somewhere(page: Path) -> None:
-    for target in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
-        if "://" in target:
-            continue
-        file, _, part = target.partition("#")
-        linked = page.parent / file if file else page
-        assert linked.exists(), f"{page.name} links to {target}"
-        if part:
-            headings = re.findall(r"^#+ (.*)$", linked.read_text(encoding="utf-8"), re.MULTILINE)
-            assert part in map(anchor, headings), f"{page.name} links to {target}"
+def test_links_lead_somewhere() -> None:
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+            if "://" in target:
+                continue
+            file, _, part = target.partition("#")
+            linked = page.parent / file if file else page
+            assert linked.exists(), f"{page.name} links to {target}"
+            if part:
+                text = linked.read_text(encoding="utf-8")
+                headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+                assert part in map(anchor, headings), f"{page.name} links to {target}"
 
 
-def test_the_index_lists_every_page() -> None:
+def test_the_index_lists_every_page_and_architecture_every_room() -> None:
     index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
     found = (ROOT / "docs").rglob("*.md")
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in found} - {"README.md"}
     assert {page for page in pages if f"]({page})" not in index} == set()
-
-
-def test_the_readme_fits_on_a_page() -> None:
-    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 80
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    paths = [path for path in (ROOT / "src/chromagrip").iterdir() if path.name[0] not in "_."]
+    rooms = {path.stem for path in paths if path.is_dir() or path.suffix == ".py"}
+    assert {room for room in rooms if f"`{room}`" not in text} == set()
 
 
 def words_of(page: Path) -> int:
@@ -89,50 +89,44 @@ def test_the_pages_that_one_reads_stay_few_and_short() -> None:
     assert len(read) <= 20
     assert sum(map(words_of, read)) <= 30_000
     assert sum(map(words_of, APPENDIX)) <= 25_000
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 80
 
 
-@pytest.mark.parametrize("page", APPENDIX, ids=name_of)
-def test_a_page_of_the_appendix_opens_with_what_a_user_takes_from_it(page: Path) -> None:
-    _, *lines = page.read_text(encoding="utf-8").splitlines()
-    lead = "\n".join(lines).strip().split("\n\n")[0]
-    assert 3 <= len(lead.splitlines()) <= 6
-    assert all(len(line) <= 160 for line in lead.splitlines())
-    assert "Printed by" not in lead
-    assert "|" not in lead
+def test_pages_of_the_appendix_open_with_what_a_user_takes_from_them() -> None:
+    for page in APPENDIX:
+        _, *lines = page.read_text(encoding="utf-8").splitlines()
+        lead = "\n".join(lines).strip().split("\n\n")[0]
+        assert 3 <= len(lead.splitlines()) <= 6, page
+        assert all(len(line) <= 160 for line in lead.splitlines()), page
+        assert "Printed by" not in lead, page
+        assert "|" not in lead, page
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_files_of_the_code_exist(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
+def test_files_of_the_code_exist() -> None:
     rooms = "|".join(path.name for path in (ROOT / "src/chromagrip").iterdir() if path.is_dir())
     paths = rf"`((?:{rooms}|src|tests|docs|examples|fixtures)/[\w./-]*(?:\.(?:py|toml|csv|md)|/))`"
-    for path in re.findall(paths, text):
-        known = (ROOT / path).exists() or (ROOT / "src/chromagrip" / path).exists()
-        assert known, f"{page.name} names {path}"
+    for page in PAGES:
+        for path in re.findall(paths, page.read_text(encoding="utf-8")):
+            known = (ROOT / path).exists() or (ROOT / "src/chromagrip" / path).exists()
+            assert known, f"{page.name} names {path}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_commands_and_flags_exist(page: Path, typed: Typed) -> None:
+def test_commands_and_flags_exist(typed: Typed) -> None:
     helps: dict[str, str] = {}
-    for words in typed_commands(page.read_text(encoding="utf-8")):
-        two = words[0] in ("dataset", "calibrate", "list", *STUDIES)
-        if ":" in "".join(words[1:2]):  # a study of the page itself
-            continue
-        name = words[: 2 if two and len(words) > 1 else 1]
-        key = " ".join(name)
-        if key not in helps:
-            done = typed(*name, "--help")
-            assert done.returncode == 0, f"{page.name}: chromagrip {key}"
-            helps[key] = done.stdout
-        for flag in re.findall(r"(?<!\S)--[a-z][a-z-]*", " ".join(words)):
-            assert re.search(rf"{flag}\b", helps[key]), f"{page.name}: chromagrip {key} {flag}"
-
-
-def test_the_page_on_architecture_names_every_room() -> None:
-    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
-    paths = [path for path in (ROOT / "src/chromagrip").iterdir() if path.name[0] not in "_."]
-    rooms = {path.stem for path in paths if path.is_dir() or path.suffix == ".py"}
-    assert {room for room in rooms if f"`{room}`" not in text} == set()
+    for page in PAGES:
+        for words in typed_commands(page.read_text(encoding="utf-8")):
+            two = words[0] in ("dataset", "calibrate", "list", *STUDIES)
+            if ":" in "".join(words[1:2]):  # a study of the page itself
+                continue
+            name = words[: 2 if two and len(words) > 1 else 1]
+            key = " ".join(name)
+            if key not in helps:
+                done = typed(*name, "--help")
+                assert done.returncode == 0, f"{page.name}: chromagrip {key}"
+                helps[key] = done.stdout
+            for flag in re.findall(r"(?<!\S)--[a-z][a-z-]*", " ".join(words)):
+                assert re.search(rf"{flag}\b", helps[key]), f"{page.name}: {key} {flag}"
+    assert len(helps) > 20
 
 
 def scene_keys(kind: type, prefix: str = "") -> Iterator[str]:
@@ -145,15 +139,8 @@ def scene_keys(kind: type, prefix: str = "") -> Iterator[str]:
 
 def test_the_page_on_files_names_every_key_and_column() -> None:
     text = (ROOT / "docs/file-formats.md").read_text(encoding="utf-8")
-    tables = (
-        trace_of("dome"),
-        trace_of("pinch"),
-        TRACKS,
-        FORCES,
-        DISPLACEMENTS,
-        ARRAYS,
-        DOME_ARRAYS,
-    )
+    tables = (trace_of("dome"), trace_of("pinch"), TRACKS, FORCES, DISPLACEMENTS)
+    tables += (ARRAYS, DOME_ARRAYS)
     tables += (*columns_of("chain"), *columns_of("dome", reading=True))
     columns = (name for table in tables for name in table)
     fingers = ("first_", "second_")  # whose columns are those of a dome
@@ -199,35 +186,55 @@ def sections() -> dict[str, str]:
     return {part.split("\n")[0]: part for part in parts}
 
 
-@pytest.mark.parametrize("heading", sections())
-def test_examples_of_extensions_run(heading: str, typed: Typed, tmp_path: Path) -> None:
-    sys.path.insert(0, str(tmp_path))
+def write_files(heading: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Write the files of a section where they can be imported; returns its commands."""
+    monkeypatch.syspath_prepend(str(folder))
+    commands = []
     for language, block in blocks(sections()[heading]):
+        if not language:
+            commands += block.splitlines()
+            continue
         file = re.match(r"# (\w+\.(?:py|toml))\n", block)
-        if language:
-            assert file, f"a block of {heading!r} does not begin with the name of its file"
-            (tmp_path / file[1]).write_text(block, encoding="utf-8")
-        for line in [] if language else block.splitlines():
-            done = typed(*shlex.split(line)[1:])
-            assert done.returncode == 0, done.stderr
+        assert file, f"a block of {heading!r} does not begin with the name of its file"
+        (folder / file[1]).write_text(block, encoding="utf-8")
+        monkeypatch.delitem(sys.modules, file[1].removesuffix(".py"), raising=False)
+    return commands
 
 
-def test_gains_are_swept_from_python(typed: Typed, tmp_path: Path) -> None:
-    sys.path.insert(0, str(tmp_path))
-    files = dict(re.findall(r"^# (\w+)\.py\n(.*?)^```$", sections()["A controller"], re.S | re.M))
-    for name, text in files.items():
-        (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
-    sys.modules.pop("my_controller", None)
-    space: dict[str, object] = {}
-    exec(files["sweep"], space)
-    result = space["result"]
-    assert isinstance(result, chromagrip.Result)
-    assert result.summary["final_margin_true"] > 0.4  # Γ = 1 − 1/(gain·µ) when settled
+@pytest.mark.loops
+@pytest.mark.parametrize("heading", sections())
+def test_examples_of_extensions_run(
+    heading: str, typed: Typed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for line in write_files(heading, tmp_path, monkeypatch):
+        done = typed(*shlex.split(line)[1:])
+        assert done.returncode == 0, done.stderr
+    if heading == "A controller":
+        result = runpy.run_path(str(tmp_path / "sweep.py"))["result"]
+        assert result.summary["final_margin_true"] > 0.4  # Γ = 1 − 1/(gain·µ) when settled
+
+
+def test_an_extension_runs_and_the_others_are_read(
+    typed: Typed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = [line for heading in sections() for line in write_files(heading, tmp_path, monkeypatch)]
+    named = set(re.findall(r"(my_\w+):(\w+)", " ".join(said)))
+    assert len(named) >= 6
+    for module, name in named:
+        assert callable(getattr(import_module(module), name))
+    assert load_sensor(str(tmp_path / "my_sensor.toml")).description
+    (line,) = [line for line in said if line.startswith("chromagrip grasp")]
+    done = typed(*shlex.split(line)[1:], "--set", "duration_s=0.3")
+    assert done.returncode == 0, done.stderr
+
+
+def python_of(page: str) -> list[str]:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return [block for language, block in blocks(text) if language == "python"]
 
 
 def test_the_mechanics_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    text = (ROOT / "docs/node-models.md").read_text(encoding="utf-8")
-    (block,) = [block for language, block in blocks(text) if language == "python"]
+    (block,) = python_of("node-models.md")
     exec(block, {})
     assert 0.3 < float(capsys.readouterr().out) < 0.45  # 1 − 0.5/(0.4·2), a little friction to come
 
@@ -240,37 +247,26 @@ def test_the_scene_of_the_pinch_is_one(tmp_path: Path) -> None:
     assert chromagrip.run(scene).summary["outcome"] == "held"
 
 
-def test_the_example_of_the_pinch_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    text = (ROOT / "docs/pinch.md").read_text(encoding="utf-8")
-    (block,) = [block for language, block in blocks(text) if language == "python"]
-    exec(block, {})
-    assert "held 0.49 N" in capsys.readouterr().out
-
-
-def test_the_examples_of_sensor_and_reader_run(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.loops
+@pytest.mark.parametrize(
+    ("page", "first", "last", "printed"),
+    [
+        ("pinch.md", 0, None, ["held 0.49 N"]),
+        ("dome.md", 0, None, ["with torsion 0.", "force 1.50 N"]),
+        ("simulators.md", 0, 2, ["read force"]),
+        ("simulators.md", 2, None, ["(4, 288, 288, 3)"]),
+    ],
+)
+def test_examples_of_pages_run(
+    page: str, first: int, last: int | None, printed: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     """In one space of names; what is read is what is true."""
-    page = (ROOT / "docs/simulators.md").read_text(encoding="utf-8")
     space: dict[str, Any] = {}
-    for block in [block for language, block in blocks(page) if language == "python"][:2]:
+    for block in python_of(page)[first:last]:
         exec(block, space)
-    assert "read force" in capsys.readouterr().out
-    true, read = space["data"], space["reading"]
-    assert read.wrench[:3] == pytest.approx(true.wrench[:3], abs=0.05 * abs(true.wrench[2]))
-    assert read.margin == pytest.approx(true.margin, abs=0.15)
-
-
-def test_the_examples_of_other_simulators_run(capsys: pytest.CaptureFixture[str]) -> None:
-    page = (ROOT / "docs/simulators.md").read_text(encoding="utf-8")
-    space: dict[str, Any] = {}
-    for block in [block for language, block in blocks(page) if language == "python"][2:]:
-        exec(block, space)
-    assert "(4, 288, 288, 3)" in capsys.readouterr().out
-
-
-def test_the_examples_of_the_dome_run(capsys: pytest.CaptureFixture[str]) -> None:
-    text = (ROOT / "docs/dome.md").read_text(encoding="utf-8")
-    for block in (block for language, block in blocks(text) if language == "python"):
-        exec(block, {})
-    printed = capsys.readouterr().out
-    assert "with torsion 0." in printed
-    assert "force 1.50 N" in printed
+    said = capsys.readouterr().out
+    assert all(one in said for one in printed)
+    if "reading" in space and "data" in space:
+        true, read = space["data"], space["reading"]
+        assert read.wrench[:3] == pytest.approx(true.wrench[:3], abs=0.05 * abs(true.wrench[2]))
+        assert read.margin == pytest.approx(true.margin, abs=0.15)

@@ -15,26 +15,16 @@ APART = ("learn_to_grip", "compare_policy", "ros2_node", "three_processes")
 EXAMPLES = sorted(p for p in (ROOT / "examples").glob("*.py") if p.stem not in APART)
 
 
-#: Examples that take longer than all others together.
-LONG = ("rolling_screw", "train_margin", "dome_tolerances")
-MARKED = [
-    pytest.param(path, id=path.stem, marks=[pytest.mark.loops] if path.stem in LONG else [])
-    for path in EXAMPLES
-]
+pytestmark = pytest.mark.loops
 
 
-@pytest.mark.loops
-@pytest.mark.parametrize("path", MARKED)
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_example(
-    path: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if path.stem == "train_margin":
-        pytest.importorskip("sklearn", reason="needs the extra learn")
-    if path.stem == "mujoco_gripper":
-        pytest.importorskip("mujoco", reason="needs the extra mujoco")
+    for stem, module in (("train_margin", "sklearn"), ("mujoco_gripper", "mujoco")):
+        if path.stem == stem:
+            pytest.importorskip(module, reason="needs an extra")
     monkeypatch.chdir(tmp_path)  # where pictures go
     monkeypatch.setattr(sys, "argv", [str(path)])
     runpy.run_path(str(path), run_name="__main__")
@@ -42,7 +32,6 @@ def test_example(
     assert len(path.read_text(encoding="utf-8").splitlines()) < 80
 
 
-@pytest.mark.loops
 @pytest.mark.parametrize("scene", ["press", "shear", "pencil"])
 def test_scenes_of_the_dome(scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     picture = tmp_path / "picture.png"
@@ -51,7 +40,6 @@ def test_scenes_of_the_dome(scene: str, tmp_path: Path, monkeypatch: pytest.Monk
     assert picture.stat().st_size > 20_000
 
 
-@pytest.mark.loops
 def test_three_processes_hold_the_margin_and_grip_on_while_the_reader_is_dead() -> None:
     path = str(ROOT / "examples/three_processes.py")
     words = [sys.executable, path, "24", "0.5"]
@@ -64,7 +52,6 @@ def test_three_processes_hold_the_margin_and_grip_on_while_the_reader_is_dead() 
     assert float(after[1]) >= 0.2, done.stdout  # it is never dropped
 
 
-@pytest.mark.loops
 def test_a_gripper_of_mujoco_lifts_a_box_at_the_desired_margin(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -79,7 +66,6 @@ def test_a_gripper_of_mujoco_lifts_a_box_at_the_desired_margin(
     assert (tmp_path / "gripper.mp4").stat().st_size > 20_000
 
 
-@pytest.mark.loops
 def test_policy_from_markers(tmp_path: Path) -> None:
     """A short training already holds objects that it never saw, and not by a firm grip."""
 

@@ -10,8 +10,7 @@ import tarfile
 import tomllib
 import venv
 import zipfile
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -90,19 +89,12 @@ def unlinked(tmp_path: Path) -> Path:
 def python(clone: Path, *arguments: str) -> CompletedProcess[str]:
     """Run Python on the code of a clone."""
     return subprocess.run(
-        [sys.executable, "-P", *arguments],
-        cwd=clone,
+        [sys.executable, "-P", *arguments], cwd=clone, capture_output=True, text=True, check=False,
         env=os.environ | {"PYTHONPATH": str(clone / "src")},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    )  # fmt: skip
 
 
-def test_the_wheel_holds_every_file(wheel: Path) -> None:
-    assert files_of_the_package() - set(held(wheel)) == set()
-
-
+@pytest.mark.environments
 @needs_git
 def test_a_wheel_is_whole_from_a_clone_without_links(unlinked: Path, tmp_path: Path) -> None:
     linked = tmp_path / "linked"
@@ -111,13 +103,17 @@ def test_a_wheel_is_whole_from_a_clone_without_links(unlinked: Path, tmp_path: P
 
 
 @pytest.mark.environments
-def test_a_wheel_from_the_source_distribution_is_the_same(wheel: Path, tmp_path: Path) -> None:
+def test_a_wheel_holds_every_file_also_from_the_source_distribution(
+    wheel: Path, tmp_path: Path
+) -> None:
+    assert files_of_the_package() - set(held(wheel)) == set()
     with tarfile.open(build(ROOT, tmp_path, "sdist")) as packed:
         packed.extractall(tmp_path, filter="data")
     (unpacked,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert held(build(unpacked, tmp_path / "wheel")) == held(wheel)
 
 
+@pytest.mark.environments
 @needs_git
 def test_a_build_without_a_stage_is_refused(unlinked: Path) -> None:
     shutil.rmtree(unlinked / "control")
@@ -131,27 +127,26 @@ def test_a_build_without_a_stage_is_refused(unlinked: Path) -> None:
 
 @needs_git
 def test_a_clone_without_links_says_what_to_do_in_one_sentence(unlinked: Path) -> None:
-    for arguments in (["-m", "chromagrip"], ["-m", "chromagrip", "grasp", "--json"]):
-        done = python(unlinked, *arguments)
-        assert done.returncode == 2
-        (sentence,) = done.stderr.splitlines()
-        assert sentence.startswith("chromagrip: the checkout has no symbolic links")
-        assert MEND in sentence
-    for code in ("import chromagrip.model", "import chromagrip; chromagrip.run"):
-        done = python(unlinked, "-c", code)
-        assert done.stderr.splitlines()[-1].startswith("ImportError: the checkout has no symbolic")
+    done = python(unlinked, "-m", "chromagrip", "grasp", "--json")
+    assert done.returncode == 2
+    (sentence,) = done.stderr.splitlines()
+    assert sentence.startswith("chromagrip: the checkout has no symbolic links")
+    assert MEND in sentence
     done = subprocess.run(["./run", "test"], cwd=unlinked, capture_output=True, text=True)
     assert done.returncode == 2
     (sentence,) = done.stderr.splitlines()
     assert sentence.startswith("run: this checkout has no symbolic links")
     assert MEND.split(" (")[0] in sentence
+
+
+@pytest.mark.environments
+@needs_git
+def test_the_command_that_is_named_makes_the_links(unlinked: Path) -> None:
+    done = python(unlinked, "-c", "import chromagrip; chromagrip.run")
+    assert done.stderr.splitlines()[-1].startswith("ImportError: the checkout has no symbolic")
     doctor = python(unlinked, "-m", "chromagrip", "doctor")
     assert doctor.returncode == 1
     assert f"mend: {MEND}" in doctor.stdout
-
-
-@needs_git
-def test_the_command_that_is_named_makes_the_links(unlinked: Path) -> None:
     command, _, _ = MEND.partition(" (")
     subprocess.run(command, shell=True, cwd=unlinked, check=True, capture_output=True)
     assert all((unlinked / "src/chromagrip" / stage).is_symlink() for stage in STAGES)
@@ -175,9 +170,6 @@ def test_version_and_public_names() -> None:
         assert (done.returncode, done.stdout) == (0, f"chromagrip {PROJECT['version']}\n")
 
 
-# Extras
-
-
 #: Runs the commands that it is told, one after the other, where some modules are not.
 WITHOUT = """
 import contextlib, io, json, sys
@@ -193,19 +185,9 @@ for words in commands:
             main()
         except SystemExit as end:
             code = end.code or 0
-    ended.append([words, code, out.getvalue(), err.getvalue()])
+    ended.append([words, words, code, out.getvalue(), err.getvalue()])
 print(json.dumps(ended))
 """
-
-
-def without_extras(folder: Path, *commands: Sequence[str]) -> list[CompletedProcess[str]]:
-    """Run commands where no package of an extra can be imported."""
-    told = json.dumps([OPTIONAL, *commands])
-    command = [sys.executable, "-P", "-c", WITHOUT, told]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    return [CompletedProcess(*one) for one in json.loads(done.stdout)]
 
 
 #: Refusals of commands that need an extra.
@@ -224,23 +206,9 @@ REFUSED = {
 DOCTOR = ("doctor", "--json"), ("doctor",)
 
 
-def quick_grasp(path: str) -> tuple[str, ...]:
-    return ("grasp", "--path", path, "--set", "duration_s=0.05", "--json")
-
-
-@dataclass(frozen=True)
-class Bare:
-    """Commands that were run by one process without extras, and the folder they ran in."""
-
-    folder: Path
-    ended: dict[tuple[str, ...], CompletedProcess[str]]
-
-
-@pytest.fixture(scope="module")
-def bare(tmp_path_factory: pytest.TempPathFactory) -> Bare:
-    folder = tmp_path_factory.mktemp("bare")
-    commands = (*REFUSED, *DOCTOR, quick_grasp("camera"))
-    return Bare(folder, dict(zip(commands, without_extras(folder, *commands), strict=True)))
+GRASPS = tuple(
+    ("grasp", "--path", path, "--set", "duration_s=0.05", "--json") for path in ("truth", "camera")
+)
 
 
 def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
@@ -254,25 +222,24 @@ def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
         assert brought <= wanted
 
 
-@pytest.mark.parametrize(
-    "path", [pytest.param("truth", marks=[pytest.mark.environments]), "camera"]
-)
-def test_a_grasp_in_memory_needs_no_extra(path: str, bare: Bare, tmp_path: Path) -> None:
-    words = quick_grasp(path)
-    done = bare.ended.get(words) or without_extras(tmp_path, words)[0]
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["path"] == path
-
-
-def test_what_needs_an_extra_is_refused_before_anything_runs(bare: Bare) -> None:
+@pytest.mark.environments
+def test_without_extras_a_grasp_runs_and_what_needs_one_is_refused_before_it_begins(
+    tmp_path: Path,
+) -> None:
+    """All commands in one process."""
+    told = json.dumps([OPTIONAL, *REFUSED, *DOCTOR, *GRASPS])
+    command = [sys.executable, "-P", "-c", WITHOUT, told]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (0, ""), ran.stderr
+    ended = {tuple(words): CompletedProcess(*each) for words, *each in json.loads(ran.stdout)}
+    for words in GRASPS:
+        assert ended[words].returncode == 0, ended[words].stderr
+        assert json.loads(ended[words].stdout)["path"] == words[2]
     for words, sentence in REFUSED.items():
-        done = bare.ended[words]
+        done = ended[words]
         assert (done.returncode, done.stderr.strip()) == (2, f"chromagrip: {sentence}")
-    assert list(bare.folder.iterdir()) == []
-
-
-def test_the_doctor_names_missing_extras_and_is_content(bare: Bare) -> None:
-    done, read = (bare.ended[words] for words in DOCTOR)
+    assert list(tmp_path.iterdir()) == []
+    done, read = (ended[words] for words in DOCTOR)
     assert done.returncode == 0
     checks = {check["name"].split(",")[0]: check for check in json.loads(done.stdout)}
     for name in EXTRAS:
@@ -292,6 +259,17 @@ def test_a_package_that_is_there_but_broken_is_a_refusal(
         need("mitsuba", "reference")
 
 
+def test_what_needs_a_missing_extra_is_refused(
+    typed: Callable[..., CompletedProcess[str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for module in OPTIONAL:
+        monkeypatch.setitem(sys.modules, module, None)
+    for words, sentence in REFUSED.items():
+        done = typed(*words)
+        assert (done.returncode, done.stderr.strip()) == (2, f"chromagrip: {sentence}")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_extras_that_are_there_are_imported(monkeypatch: pytest.MonkeyPatch) -> None:
     assert missing("images", "mesh") is None
     assert need("skimage.draw", "images").polygon
@@ -300,13 +278,11 @@ def test_extras_that_are_there_are_imported(monkeypatch: pytest.MonkeyPatch) -> 
         require("images", "mesh", purpose="a part")
 
 
-# Slow
-
-
 @pytest.mark.environments
 def test_a_wheel_alone_grasps_with_the_base_only(wheel: Path, tmp_path: Path) -> None:
     """In a new environment, with the versions of the lock; needs pip and its index."""
-    pins = re.findall(r"^[\w.-]+==[^\s\\]+(?: ; [^\\]+)?", lock_text(), re.MULTILINE)
+    lock = (ROOT / "requirements-dev.lock").read_text()
+    pins = re.findall(r"^[\w.-]+==[^\s\\]+(?: ; [^\\]+)?", lock, re.MULTILINE)
     (tmp_path / "pins.txt").write_text("\n".join(pins))
     venv.create(tmp_path / "venv", with_pip=True)
     command = [tmp_path / "venv/bin/python", "-m", "pip", "install", "-q", str(wheel)]
@@ -329,7 +305,3 @@ def test_a_wheel_alone_grasps_with_the_base_only(wheel: Path, tmp_path: Path) ->
     assert (whole.returncode, whole.stderr.strip()) == (0, "")
     assert run("report", "run").returncode == 0
     assert run("doctor").returncode == 0
-
-
-def lock_text() -> str:
-    return (ROOT / "requirements-dev.lock").read_text()
