@@ -5,6 +5,8 @@ are projected here, and each layer is drawn alone, orthographically, flat, opaqu
 black: this is the layer's coverage. Transmittances are multiplied before the blur of the lens.
 """
 
+from functools import partial
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +87,11 @@ class MeshRenderer:
         pose[2, 3] = 1.0
         self._scene.add(camera, pose=pose)
         self._renderer = pyrender.OffscreenRenderer(oversampling * width, oversampling * height)
+        # pyrender ends the display together with a context, but others of the process share it.
+        platform = self._renderer._platform
+        if hasattr(platform, "_egl_context"):
+            end = need("OpenGL.EGL", "gl").eglDestroyContext
+            platform.delete_context = partial(end, platform._egl_display, platform._egl_context)
 
     def render(self, membrane: Membrane) -> NDArray[np.uint8]:
         """Noise-free sRGB image of the membrane, shape (H, W, 3)."""

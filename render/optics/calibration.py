@@ -182,7 +182,7 @@ def _model(values: dict[str, Any], count: int, wanted: str | None) -> str:
     named = values.get("model") or None
     if named is None and values.get("fisheye") is not None:
         named = "fisheye" if values["fisheye"] else "pinhole"
-    if named is not None and named not in _ALIASES:
+    if named is not None and (not isinstance(named, str) or named not in _ALIASES):
         raise UserError(
             f"distortion_model {shortened(named)} is none of ours; allowed: {', '.join(_ALIASES)}"
         )

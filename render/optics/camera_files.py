@@ -1,6 +1,7 @@
 """Values of a camera file of OpenCV, ROS, Kalibr or NumPy, by one set of names."""
 
 import re
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ KEYS = {
 }
 #: Largest number of values of an array.
 _MOST = 10_000
+#: Deepest list, table or element; OpenCV calls itself for each, and crashes at some ten thousand.
+_DEEPEST = 1000
 
 
 def camera_values(path: Path) -> dict[str, Any]:
@@ -49,6 +52,8 @@ def camera_values(path: Path) -> dict[str, Any]:
         return {name: arrays[key].tolist() for name, key in own.items()}
     try:
         text = read_small(path).decode("utf-8-sig")
+        if _depth(text) > _DEEPEST:
+            raise UserError("it is nested too deeply")
         store = _opened(text)  # its nodes live as long
         node = store.root()
         cameras = [key for key in node.keys() if re.fullmatch(r"cam\d+", key)]  # noqa: SIM118
@@ -70,6 +75,14 @@ def _own_names(names: list[str]) -> dict[str, str]:
         for name, choices in KEYS.items()
         if (key := next((choice for choice in choices if choice in lower), None))
     }
+
+
+def _depth(text: str) -> int:
+    """Depth of the lists, tables and elements of a text."""
+    if re.search(rf"(?:- *){{{_DEEPEST}}}", text):  # rows in rows of YAML
+        return _DEEPEST + 1
+    marks = re.findall(r"[\[{\]}]|</?\w", text)
+    return max(accumulate(1 if m in "[{" or m[1:2].isalnum() else -1 for m in marks), default=0)
 
 
 def _opened(text: str) -> cv2.FileStorage:

@@ -1,20 +1,12 @@
 """Histories that a read-out is trained on: their ranges, their forces, and what is kept of them."""
 
-from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
-import msgspec
 import numpy as np
 import pytest
 
-from chromagrip.calibrate.histories import (
-    RULE,
-    Plan,
-    choose,
-    of_plan,
-    random_plan,
-    snapshots,
-)
+from chromagrip.calibrate.histories import RULE, Plan, choose, of_plan, random_plan, snapshots
 from chromagrip.calibrate.random_grips import DRIVES, ONSET, random_drive
 from chromagrip.calibrate.ranges import (
     RANGES,
@@ -41,7 +33,7 @@ from chromagrip.model.chain.plant import march
 TIP = Fingertip()
 
 
-def fills(values: list[float], limits: Range) -> bool:
+def fills(values: Sequence[float], limits: Range) -> bool:
     """Whether values stay within limits and come within a twentieth of each."""
     low, high = limits
     slack = (high - low) / 20
@@ -50,36 +42,31 @@ def fills(values: list[float], limits: Range) -> bool:
 
 def test_objects_fill_their_ranges() -> None:
     rng = np.random.default_rng(0)
-    contacts = [random_contact(rng, TIP) for _ in range(2000)]
-    objects = [contact.obj for contact in contacts]
-    assert fills([obj.friction for obj in objects], RANGES.friction)
-    assert fills(
-        [np.log(obj.stiffness) for obj in objects],
-        tuple(np.log(RANGES.stiffness_n_per_m)),
-    )
-    assert fills([obj.curvature for obj in objects], RANGES.curvature_per_m)
-    assert fills([np.rad2deg(contact.tilt) for contact in contacts], RANGES.tilt_deg)
-    assert fills([obj.dahl_exponent for obj in objects], RANGES.dahl_exponent)
-    assert fills([np.log(obj.drag) for obj in objects], tuple(np.log(RANGES.drag_n_s_per_m)))
+    contacts = [random_contact(rng, TIP) for _ in range(1000)]
+    objects = [one.obj for one in contacts]
     bristles = [obj.dahl_stiffness for obj in objects]
     dahl = [bristle for bristle in bristles if bristle != RANGES.coulomb_stiffness_n_per_m]
     assert 0.01 < 1.0 - len(dahl) / len(bristles) < 0.1
-    assert fills(np.log(dahl).tolist(), tuple(np.log(RANGES.dahl_stiffness_n_per_m)))
+    for values, limits, log in (
+        ([obj.friction for obj in objects], RANGES.friction, False),
+        ([obj.stiffness for obj in objects], RANGES.stiffness_n_per_m, True),
+        ([obj.curvature for obj in objects], RANGES.curvature_per_m, False),
+        ([np.rad2deg(one.tilt) for one in contacts], RANGES.tilt_deg, False),
+        ([obj.dahl_exponent for obj in objects], RANGES.dahl_exponent, False),
+        ([obj.drag for obj in objects], RANGES.drag_n_s_per_m, True),
+        (dahl, RANGES.dahl_stiffness_n_per_m, True),
+    ):
+        assert fills(*((np.log(values), np.log(limits)) if log else (values, limits)))
     # As sharp as a ridge at most, wherever the fingertip can be.
     for obj in objects:
         if obj.profile is not None and len(obj.profile) > 3:
             x, z = np.array(obj.profile).T
             assert np.gradient(np.gradient(z, x), x).max() <= 1.05 * RANGES.bump_curvature_per_m
-    shapes = Counter(contact.shape for contact in contacts)
-    assert set(shapes) == set(SHAPES)
+    assert {one.shape for one in contacts} == set(SHAPES)
     assert sum(SHAPES.values()) == pytest.approx(1.0)
     assert 0.2 < sum(obj.profile is not None for obj in objects) / len(objects) < 0.35
     usual = [RANGES.usual_stiffness_n_per_m[0] <= obj.stiffness for obj in objects]
     assert np.mean(usual) > 0.75
-
-
-def test_the_table_of_ranges_is_plain_data() -> None:
-    assert msgspec.json.decode(msgspec.json.encode(RANGES))["tilt_deg"] == [-12.0, 12.0]
 
 
 def test_specimens_vary_about_the_nominal_one() -> None:
@@ -100,8 +87,7 @@ def test_specimens_vary_about_the_nominal_one() -> None:
     assert {one.tissue_stiffness for one in specimens} == {TIP.tissue_stiffness}
 
 
-@pytest.mark.parametrize("curvature", [0.0, 120.0, 333.0])
-@pytest.mark.parametrize("stiffness", [3.0, 160.0, 1200.0])
+@pytest.mark.parametrize(("stiffness", "curvature"), [(3.0, 0.0), (160.0, 333.0)])
 def test_the_largest_grip_is_held_and_not_far_from_the_end(
     stiffness: float, curvature: float
 ) -> None:
@@ -115,91 +101,39 @@ def test_the_largest_grip_is_held_and_not_far_from_the_end(
         return run.state(-1).deformation.rigid_part
 
     assert press(most) < TIP.radius
-    if curvature == 0.0 or most == RANGES.grip_n[1]:
-        return
-    with pytest.raises(PiercedError):
-        press(3.0 * most)
+    if curvature > 0.0 and most < RANGES.grip_n[1]:
+        with pytest.raises(PiercedError):
+            press(3.0 * most)
 
 
 def test_drives_stay_where_the_object_goes_on() -> None:
     """Grips within their range, and loads not far above the friction limit."""
     rng = np.random.default_rng(1)
     times = 4e-3 * np.arange(101.0)
-    kinds: Counter[str] = Counter()
-    grips = []
-    for _ in range(600):
+    kinds, grips = set(), []
+    for _ in range(400):
         contact = random_contact(rng, TIP)
         drive, kind = random_drive(rng, contact, times)
-        kinds[kind] += 1
+        kinds.add(kind)
         assert drive.normal.min() > 0.0
         assert drive.normal.max() <= contact.largest <= RANGES.grip_n[1]
         assert not drive.lateral[times <= ONSET].any()
-        pulled = np.arctan2(drive.lateral, drive.normal) - contact.tilt
         cone = np.arctan(contact.obj.friction)
         highest, lowest = (
             np.tan(contact.tilt + side * cone) * drive.normal for side in (1.0, -1.0)
         )
         slack = RANGES.slides_by_n + 1e-9
-        assert (drive.lateral <= np.maximum(highest + slack, 0.0)).all(), (kind, pulled)
+        assert (drive.lateral <= np.maximum(highest + slack, 0.0)).all(), kind
         assert (drive.lateral >= np.minimum(lowest - slack, 0.0)).all()
         grips.append(drive.normal.max())
-    assert set(kinds) == set(DRIVES)
+    assert kinds == set(DRIVES)
     low, high = RANGES.usual_grip_n
     assert np.mean([low <= grip <= high for grip in grips]) > 0.6
     assert max(grips) > 0.9 * RANGES.grip_n[1]
     assert min(grips) < 2.0 * RANGES.grip_n[0]
 
 
-def drives_of(kind: str, count: int) -> list[Drive]:
-    """Drives of a kind on a flat object of µ = 0.5, without a further tremble in most."""
-    contact = Contact(ContactObject(friction=0.5, drag=100.0), "flat", 0.0, 16.0)
-    rng, found = np.random.default_rng(2), []
-    while len(found) < count:
-        drive, name = random_drive(rng, contact, 2e-3 * np.arange(201.0))
-        if name == kind:
-            found.append(drive)
-    return found
-
-
-def test_a_step_drive_grips_harder_under_a_standing_load() -> None:
-    seen = 0
-    for drive in drives_of("step", 40):
-        later = drive.normal[15:] / drive.normal[:-15]  # over 30 ms
-        load = drive.lateral
-        steady = abs(load[15:] - load[:-15]) < 1e-9
-        near = abs(load[:-15]) > 0.7 * 0.5 * drive.normal[:-15]
-        after = drive.times[:-15] > 2 * ONSET
-        seen += bool((steady & near & after & (later > 1.25)).any())
-    assert seen > 25
-
-
-def test_a_slide_drive_is_above_the_limit_for_long() -> None:
-    lengths = [
-        2e-3 * (abs(drive.lateral) > 0.5 * drive.normal + 1e-3).sum()
-        for drive in drives_of("slide", 40)
-    ]
-    assert np.mean(np.array(lengths) >= 0.05) > 0.6
-    assert max(lengths) > 0.25
-
-
-def test_a_release_drive_lets_a_standing_load_slide() -> None:
-    ends = []
-    for drive in drives_of("release", 40):
-        use = abs(drive.lateral) / (0.5 * drive.normal)
-        ends.append(use[-1])
-        assert use[drive.times < 1.2 * ONSET].max() < 1.0
-    assert np.mean(np.array(ends) > 0.9) > 0.8
-
-
-def test_a_history_is_the_same_in_any_batch() -> None:
-    many, one = snapshots(TIP, range(60, 66)), snapshots(TIP, range(63, 64))
-    of_it = many.history == 63
-    assert of_it.any()
-    for name, values in vars(one).items():
-        assert np.array_equal(values, vars(many)[name][of_it]), name
-
-
-@pytest.mark.parametrize("shape", ["flat", "round", "tilted", "two"])
+@pytest.mark.parametrize("shape", ["round", "tilted"])
 def test_kept_forces_are_those_of_the_model(shape: str) -> None:
     """Against every step of the chain and `contact_forces`, one state at a time."""
     number, plan = next(
@@ -211,9 +145,8 @@ def test_kept_forces_are_those_of_the_model(shape: str) -> None:
     assert list(SHAPES)[found.kind[0] // len(DRIVES)] == shape
     obj = plan.contact.obj
     tip, drive = plan.fingertip, plan.drive
-    whole = float(drive.times[-1])
-    parts, steps = (chain(tip), contact(tip, obj)), round(whole / plan.dt)
-    run = march(*parts, rest_state(tip), drive, plan.dt, steps, 1, RULE)
+    steps = round(float(drive.times[-1]) / plan.dt)
+    run = march(chain(tip), contact(tip, obj), rest_state(tip), drive, plan.dt, steps, 1, RULE)
     states = [run.state(k) for k in range(len(run))]
     seen = np.array([state.deformation.seen for state in states])
     for k in range(len(found.history)):
@@ -257,7 +190,7 @@ def test_at_rest_friction_is_the_load_and_the_chain_holds_it() -> None:
         assert held[:, 0] == pytest.approx(friction[1:-1], abs=2e-3)
 
 
-@pytest.mark.parametrize(("side", "tilt"), [(1.0, 0.15), (-1.0, 0.15), (1.0, -0.2)])
+@pytest.mark.parametrize(("side", "tilt"), [(-1.0, 0.15), (1.0, -0.2)])
 def test_a_tilted_plane_slides_beyond_the_limit_that_drives_keep(side: float, tilt: float) -> None:
     x = (-0.02, 0.0, 0.02)
     surface = tuple((place, float(np.tan(tilt)) * place) for place in x)
@@ -290,7 +223,9 @@ def test_instants_are_kept_soon_after_a_step_and_long_after() -> None:
         assert len(set(kept.tolist())) == len(kept)
 
 
-def test_histories_respect_the_cone_and_spread_over_the_margin() -> None:
+def test_histories_respect_the_cone_and_those_that_cannot_be_followed_are_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     found = snapshots(TIP, range(40))
     normal, friction, mu = found.totals.T
     assert (abs(found.friction) <= found.totals[:, 2:] * found.normal + 1e-6).all()
@@ -299,9 +234,6 @@ def test_histories_respect_the_cone_and_spread_over_the_margin() -> None:
     shares = np.histogram(margin, bins=4, range=(-1e-9, 1.0))[0] / len(margin)
     assert shares.min() > 0.08
     assert len(set(found.history.tolist())) > 35
-
-
-def test_a_history_that_cannot_be_followed_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     sharp = Contact(ContactObject(stiffness=5.0, curvature=333.0), "round", 0.0, 16.0)
 
     def sometimes(fingertip: Fingertip, number: int) -> Plan:
@@ -309,8 +241,13 @@ def test_a_history_that_cannot_be_followed_is_left_out(monkeypatch: pytest.Monke
         return standing(sharp, 5.0, 0.0) if number == 1 else plan
 
     monkeypatch.setattr("chromagrip.calibrate.histories.random_plan", sometimes)
-    assert set(snapshots(TIP, range(3)).history.tolist()) == {0, 2}
-    assert len(snapshots(TIP, range(1, 2)).history) == 0
+    few = snapshots(TIP, range(3))
+    assert set(few.history.tolist()) == {0, 2}
+    # A history is the same in any batch.
+    for number in (0, 2):
+        for name, values in vars(few).items():
+            kept = vars(found)[name][found.history == number]
+            assert np.array_equal(values[few.history == number], kept), name
 
 
 def test_numbers_of_one_block_are_of_one_specimen() -> None:

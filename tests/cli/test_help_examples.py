@@ -19,22 +19,10 @@ import pytest
 
 from chromagrip.cli.app import COMMANDS, STUDIES, commands_of, run
 from chromagrip.output.video import VideoFile
-from chromagrip.render import FisheyeCamera
+
+from ..calibrate.test_calibrate import BOARD, FISHEYE, take
 
 Typed = Callable[..., subprocess.CompletedProcess[str]]
-
-#: Commands whose example cannot run in a test, with the reason.
-NOT_RUN: dict[str, str] = {}
-#: The camera that takes the photographs of the board.
-CAMERA = FisheyeCamera(
-    width=640,
-    height=480,
-    focal=(152.8, 152.4),
-    centre=(318.2, 243.7),
-    distortion=(0.03, -0.01, 0.004, -0.001),
-)
-#: Side of a square of the board [m].
-SQUARE = 3e-3
 
 pytestmark = pytest.mark.loops
 
@@ -47,7 +35,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with chdir(folder):
         make_datasets()
         make_presses()
-        make_photographs()
+        take(Path("photos"), BOARD, FISHEYE, 0.75, 11e-3, 0.45)
         for name, friction in (("before", 0.5), ("after", 0.3)):
             grasp = "grasp margin-60hz --path truth --set duration_s=0.1"
             made(f"{grasp} --set object.friction={friction} --out runs/{name}")
@@ -95,36 +83,6 @@ def make_presses() -> None:
     Path("mine.toml").write_text(text, encoding="utf-8")
 
 
-def make_photographs() -> None:
-    """Photographs of the printed board, all around the middle of the picture."""
-    made("calibrate camera --print-board board.png")
-    board = cv2.imread("board.png", cv2.IMREAD_GRAYSCALE)
-    assert board is not None
-    fine = board.shape[1] / 9 / SQUARE  # [px/m]
-    size = np.array(board.shape[::-1]) / fine
-    x, y = np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height))
-    rays = CAMERA.rays(np.column_stack([x.ravel(), y.ravel()])).reshape(*x.shape, 3)
-    rng = np.random.default_rng(1)
-    Path("photos").mkdir()
-    for k in range(12):
-        off, azimuth = (0.75, 0.45)[k % 2], k * np.pi / 6
-        turn = off * np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-        aside, tilted = (cv2.Rodrigues(v)[0] for v in (turn, rng.uniform(-0.4, 0.4, 3)))
-        rotation = aside @ tilted
-        corner = 11e-3 * aside[:, 2] - rotation[:, :2] @ size / 2
-        # A ray s·d meets the plane of the board where n·(s·d − corner) = 0.
-        normal = rotation[:, 2]
-        facing = rays @ normal
-        reach = np.where(facing > 1e-6, normal @ corner / np.maximum(facing, 1e-6), np.nan)
-        places = (reach[..., None] * rays - corner) @ rotation[:, :2] * fine - 0.5
-        places = np.nan_to_num(places, nan=-9.0).clip(-9.0, 1e4).astype(np.float32)
-        # A pixel of the photograph covers many of the printed board.
-        smooth = cv2.GaussianBlur(board, (0, 0), 12.0)
-        photo = cv2.remap(smooth, places, None, cv2.INTER_LINEAR, borderValue=200)
-        noisy = (photo + rng.normal(0.0, 2.0, photo.shape)).clip(0, 255).astype(np.uint8)
-        assert cv2.imwrite(f"photos/{k:02}.png", noisy)
-
-
 def example_of(page: str) -> list[str]:
     """Words of the example in a page of help, without `chromagrip`."""
     (line,) = re.findall(r"^Example: chromagrip (.+)$", page, re.MULTILINE)
@@ -145,15 +103,9 @@ def take_inputs(words: list[str], inputs: Path, folder: Path) -> None:
 def test_the_example_of_a_help_page_runs(
     name: str, inputs: Path, typed: Typed, tmp_path: Path
 ) -> None:
-    if name in NOT_RUN:
-        pytest.skip(NOT_RUN[name])
     words = example_of(typed(*name.split(), "--help").stdout)
     assert " ".join(words).startswith(name)
     take_inputs(words, inputs, tmp_path)
     done = typed(*words)
     assert done.returncode == 0, done.stderr
     assert done.stdout
-
-
-def test_few_examples_are_left_out() -> None:
-    assert len(NOT_RUN) <= 3

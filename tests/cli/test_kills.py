@@ -26,43 +26,16 @@ Digests = Callable[[Path], dict[str, str]]
 #: Runs a command, after a delay kills it, and returns its exit code.
 Killing = Callable[..., int]
 
-#: Starts each command in a fork, so that modules are imported once. `train` is a small training.
+#: Starts each command in a fork, so that modules are imported once.
 FORKS = """
 import os, sys
-from dataclasses import replace
-from pathlib import Path
-import numpy as np
-from msgspec.structs import replace as changed
 import chromagrip.dataset.make, chromagrip.loop.run_files, chromagrip.measure.sweep.sweep
-import chromagrip.calibrate.readout as training
 from chromagrip.__main__ import main
-from chromagrip.tracking import load_calibration
-
-known = load_calibration("thesis")
-sparse = changed(known.sensor.layout, count=100, meridian_pitch_mm=1.5)
-known = replace(known, sensor=changed(known.sensor, layout=sparse), readout=None)
-training.PART, training.BASIS = 5, 25
-made = training._basis  # takes longer than all else; the first training keeps it for the others
-
-def train(out):
-    kept = Path(out).with_name("basis.npz")
-
-    def basis(*given):
-        if not kept.exists():
-            training.write_arrays(kept, vars(made(*given)))
-        return training.Basis(**training._read(kept))
-
-    training._basis = basis
-    training.train(known, 2.0, 20, 3, Path(out), 1, lambda text: None)
 
 for line in sys.stdin:
-    words = line.split()
     child = os.fork()
     if child == 0:
-        sys.argv[1:], sys.stdout = words, sys.stderr
-        if words[0] == "train":
-            train(words[1])
-            os._exit(0)
+        sys.argv[1:], sys.stdout = line.split(), sys.stderr
         main()
     print(child, flush=True)
     print(os.waitpid(child, 0)[1], flush=True)
@@ -102,46 +75,44 @@ def killing(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Killing]:
     assert "Traceback" not in said.read_text()
 
 
-def timed(run: Callable[[], int]) -> float:
+def killed(
+    killing: Killing, line: str, place: Path, count: int, seed: int
+) -> Iterator[tuple[int, Path]]:
+    """Exit codes and outputs of commands that are killed; the first one, `whole`, is not.
+
+    Half of the kills are spread over the whole command, half over its last tenth, where files end.
+    """
     begin = time.monotonic()
-    assert run() == 0
-    return time.monotonic() - begin
+    assert killing(f"{line} {place / 'whole'}") == 0
+    most, random = time.monotonic() - begin, np.random.default_rng(seed)
+    late = random.uniform(0.9, 1.05, count // 2)
+    for number, share in enumerate([*random.uniform(0.0, 1.05, count - count // 2), *late]):
+        out = place / f"killed-{number}"
+        yield killing(f"{line} {out}", after=share * most), out
 
 
-def delays(most: float, count: int, seed: int) -> list[float]:
-    """Times of kills: over the whole command, and as many in its last tenth, where files end."""
-    random = np.random.default_rng(seed)
-    spread = random.uniform(0.0, 1.05 * most, count - count // 2)
-    late = random.uniform(0.9 * most, 1.05 * most, count // 2)
-    return [float(delay) for delay in np.concatenate([spread, late])]
-
-
-def test_fifty_kills_of_a_dataset(tmp_path: Path, killing: Killing, bytes_of: Digests) -> None:
+def test_kills_of_a_dataset(tmp_path: Path, killing: Killing, bytes_of: Digests) -> None:
     make = "dataset make tiny --workers 1 --n 2 --json --out"
-    spent = timed(lambda: killing(f"{make} {tmp_path / 'whole'}"))
-    whole = bytes_of(tmp_path / "whole")
-    for number, delay in enumerate(delays(spent, 50, seed=1)):
-        out = tmp_path / f"killed-{number}"
-        killing(f"{make} {out}", after=delay)
+    for _, out in killed(killing, make, tmp_path, 12, seed=1):
         if (out / MANIFEST).exists():
             assert check(out) == 2
         elif out.exists():
             with pytest.raises(UserError):
                 check(out)
         assert killing(f"{make} {out} --resume") == 0
-        assert bytes_of(out) == whole
+        assert bytes_of(out) == bytes_of(tmp_path / "whole")
+
+
+def computed(files: dict[str, str]) -> dict[str, str]:
+    """Files without those that hold a speed."""
+    speeds = ("summary.json", "report.html", "tactile.mp4")
+    return {name: digest for name, digest in files.items() if name not in speeds}
 
 
 @pytest.mark.parametrize("scene", ["camera-100hz", "pinch-lift"])
-def test_ten_kills_of_a_grasp(
-    scene: str, tmp_path: Path, killing: Killing, bytes_of: Digests
-) -> None:
+def test_kills_of_a_grasp(scene: str, tmp_path: Path, killing: Killing, bytes_of: Digests) -> None:
     run = f"grasp --scene {scene} --path truth --set duration_s=0.3 --frames png --out"
-    spent = timed(lambda: killing(f"{run} {tmp_path / 'whole'}"))
-    whole = computed(bytes_of(tmp_path / "whole"))
-    for number, delay in enumerate(delays(spent, 10, seed=2)):
-        out = tmp_path / f"killed-{number}"
-        ended = killing(f"{run} {out}", after=delay)
+    for ended, out in killed(killing, run, tmp_path, 4, seed=2):
         if (out / "summary.json").exists():
             read_run(out)
             assert json.loads((out / "summary.json").read_text())["complete"]
@@ -149,40 +120,14 @@ def test_ten_kills_of_a_grasp(
             with pytest.raises(UserError, match="is not a finished run"):
                 read_run(out)
         assert killing(f"{run} {out} --overwrite") == 0
-        assert computed(bytes_of(out)) == whole
+        assert computed(bytes_of(out)) == computed(bytes_of(tmp_path / "whole"))
 
 
-def computed(files: dict[str, str]) -> dict[str, str]:
-    """Files without those that hold a speed."""
-    return {
-        name: digest
-        for name, digest in files.items()
-        if name not in ("summary.json", "report.html", "tactile.mp4")
-    }
-
-
-def test_ten_kills_of_a_sweep(tmp_path: Path, killing: Killing, bytes_of: Digests) -> None:
+def test_kills_of_a_sweep(tmp_path: Path, killing: Killing, bytes_of: Digests) -> None:
     sweep = "sweep --path truth --set duration_s=0.1 --vary object.friction=0.3,0.4,0.5 --seeds 2"
     run = f"{sweep} --workers 1 --out"
-    spent = timed(lambda: killing(f"{run} {tmp_path / 'whole'}"))
-    whole = bytes_of(tmp_path / "whole")["runs.csv"]
-    for number, delay in enumerate(delays(spent, 10, seed=3)):
-        out = tmp_path / f"killed-{number}"
-        killing(f"{run} {out}", after=delay)
+    for _, out in killed(killing, run, tmp_path, 6, seed=3):
         finished = (out / "runs.csv").exists() and not (out / "unfinished.jsonl").exists()
         assert killing(f"{run} {out}" + " --overwrite" * finished) == 0
-        assert bytes_of(out)["runs.csv"] == whole
+        assert bytes_of(out)["runs.csv"] == bytes_of(tmp_path / "whole")["runs.csv"]
         assert not list(out.glob("*unfinished*"))
-
-
-def test_ten_kills_of_a_training(tmp_path: Path, killing: Killing) -> None:
-    killing(f"train {tmp_path / 'first.npz'}")
-    spent = timed(lambda: killing(f"train {tmp_path / 'whole.npz'}"))
-    whole = dict(np.load(tmp_path / "whole.npz"))
-    for number, delay in enumerate(delays(spent, 10, seed=4)):
-        out = tmp_path / f"killed-{number}.npz"
-        killing(f"train {out}", after=delay)
-        if not out.exists() or out.with_name(f"{out.name}.parts").exists():
-            assert killing(f"train {out}") == 0
-        learned = np.load(out)
-        assert all(np.array_equal(learned[name], whole[name]) for name in whole)

@@ -44,6 +44,7 @@ def test_a_folder_is_repeated_by_the_command_that_it_names(
         assert (first / name).read_bytes() == (second / name).read_bytes(), name
 
 
+@pytest.mark.loops
 def test_a_pure_press_has_no_friction_of_the_solver(tmp_path: Path, typed: Typed) -> None:
     done = typed(
         "render", *COARSE, "--object", "ball", "--press-mm", "0.3", "--out", tmp_path / "o"

@@ -32,15 +32,10 @@ SHORT = ("--path", "truth", "--set", "duration_s=0.05")
 #: Commands that fill a folder, without its name.
 COMMANDS = {
     "grasp": ("grasp", *SHORT, "--overwrite"),
-    "pinch": ("grasp", "--scene", "pinch-lift", *SHORT, "--overwrite"),
     "sweep": ("sweep", *SHORT, "--seeds", "1", "--workers", "1", "--overwrite"),
     "render": ("render", "--grip", "1", "--overwrite"),
     "dataset make": ("dataset", "make", "tiny", "--n", "1", "--workers", "1"),
     "dataset resume": ("dataset", "make", "tiny", "--n", "1", "--workers", "1", "--resume"),
-    "limit": ("limit", "--overwrite"),
-    "stability": ("stability", "track", "--quick", "--overwrite"),
-    "chart": ("chart", "track", "--quick", "--overwrite"),
-    "bench": ("bench", "loop", "--quick", "--overwrite"),
     "reproduce": ("reproduce", "table-2", "--quick", "--overwrite"),
 }
 

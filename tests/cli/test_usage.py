@@ -6,20 +6,19 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable
-from itertools import chain
 from pathlib import Path
 
 import pytest
 
 from benchmarks.__main__ import load
-from chromagrip.cli.app import COMMANDS, OF_CHECKOUT, STUDIES, commands_of
+from chromagrip.cli.app import COMMANDS, OF_CHECKOUT, STUDIES
 from chromagrip.measure.study import studies
 
 Typed = Callable[..., subprocess.CompletedProcess[str]]
 
 
-@pytest.mark.parametrize("name", [*COMMANDS, *chain(*map(commands_of, STUDIES))])
-def test_every_help_has_an_example_of_its_own_command(name: str, typed: Typed) -> None:
+@pytest.mark.parametrize("name", ["score", "dataset make", "list scenes", "bench track", "doctor"])
+def test_a_help_has_an_example_of_its_own_command(name: str, typed: Typed) -> None:
     done = typed(*name.split(), "--help")
     assert done.returncode == 0
     assert f"usage: chromagrip {name} " in done.stdout
@@ -70,98 +69,53 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("train thesis", "`chromagrip train` is `chromagrip calibrate readout` now"),
         ("list scene", "list scene (did you mean scenes?): there is scenes, sensors, "),
         ("grasp --sceen thesis", "no option --sceen (did you mean --scene?)"),
-        ("grasp thesis -set object.friction=0.3", "no option -set (did you mean --set?)"),
+        ("plan thesis --error .05", "no option --error (did you mean --tolerance?)"),
+        ("track --rest a.png --source b", "no option --rest: its value is a word without an opt"),
+        ("grasp --resume", "no option --resume (it is an option of `chromagrip dataset make`)"),
+        ("grasp --controller a --controller b", "--controller is given 2 times; give it once; `sw"),
         ("grasp thesis --duration 0.2", "no option --duration (did you mean --set duration_s=…?)"),
         ("grasp thesis margin-60hz", "one word too many: margin-60hz after thesis"),
-        ("render thesis", "one word too many: thesis after render (did you mean --scene thesis?)"),
-        ("limit marks.png", "marks.png after limit (--sensor takes a name or a .toml file)"),
         ("track dots.mp4", "missing: SOURCE in `chromagrip track REST SOURCE`; REST is the unload"),
-        ("track --rest a.png --source b", "no option --rest: its value is a word without an opt"),
-        ("score --tracker lk data", "as in `chromagrip score lk TRUTH`; see `chromagrip score "),
         ("score ft pictures", "there is no ft (did you mean fit?); wanted: a file or a folder of "),
-        ("score . fit", "fit is a tracker, and stands before the truth: give fit DATA"),
-        ("grasp --resume", "no option --resume (it is an option of `chromagrip dataset make`)"),
-        ("grasp dome-2020-printed", "(as a sensor it is --sensor dome-2020-printed, or --set sens"),
         ("estimate a b --calibration thesys", "no calibration 'thesys' (did you mean thesis?); "),
-        ("grasp --set camera.latency=3", "(did you mean camera.latency_frames?); allowed here: "),
         ("grasp --controller my_pi.PI", "no controller 'my_pi.PI' (did you mean my_pi:PI?); the"),
         ("bench my_study.sizes", "bench my_study.sizes (did you mean my_study:sizes?): there is "),
         ("report", "no run is given: give one to six folders that `chromagrip grasp` made, such"),
         ("sweep", "nothing is varied: give --vary, --arg, --controller or a scene, such as `chrom"),
-        ("sweep thesis --scene thesis", "a scene is given twice: thesis and --scene thesis"),
-        ("sweep --set object.friction=0.3,0.6", "ed: give --vary object.friction=0.3,0.6"),
-        ("sweep conservative", "no scene 'conservative' (as a controller it is --controller con"),
         ("stability model", "(in a checkout it is `./run bench stability-model`): there is "),
-        ("plan thesis --error .05", "no option --error (did you mean --tolerance?)"),
-        ("limit --error .05", "no option --error (did you mean --margin-error?)"),
-        ("limit --radius-mm -5", ": expected a radius above 0 mm, or of -8 mm or less for a"),
         (
             "grasp --overwrite",
             "--overwrite is for the folder of --out: give --out, or leave it out",
         ),
-        ("sweep --vary object.friction=0.3,0.3", "object.friction=0.3,0.3: a value is given twice"),
         (f"render --object {__file__} --press-mm 1", "no mesh file ends in '.py'; formats are "),
-        ("render --object ball --depth 1", "no option --depth (did you mean --press-mm?)"),
-        ("dataset check a a", "one word too many: a after a"),
         ("grasp --allow mine.py", "--allow mine.py: expected a module, such as mine of a file"),
-        ("grasp ''", "a word is empty: give a value in `chromagrip grasp ''`"),
-        ("--set seed=3", "no option --set without a command; there is score, dataset, grasp, "),
-        (f"report {__file__}", "test_usage.py is not a run folder: it is a file"),
-        ("report nowhere --max-rows 0", "--max-rows 0: expected 1 or more"),
-        ("report nowhere --out page.txt", "file page.txt must end in .html"),
-        (f"live --record {__file__}", "test_usage.py: it is a file, not a folder"),
         ("--versoin", "no option --versoin (did you mean --version?)"),
-        ("bench track --scene cleen", "bench track has no scene 'cleen' (did you mean clean?)"),
         ("grasp thesis --json=yes", "--json takes no value, got yes"),
-        ("grasp thesis --overwrite no", "--overwrite takes no value, got no"),
         ("grasp thesis --set seed 3", "--set seed 3: expected key=value, as seed=3"),
-        ("grasp thesis --set seed=3 path=truth", "has no option before it: write --set path=truth"),
-        ("grasp --set seed=3 --set seed=4", "is given twice: by --set seed=3 and --set seed=4"),
-        ("render --seed 3 --set seed=4", "seed is given twice: by an option of its own and --set "),
-        ("sweep --path truth --set path=camera", "path is given twice: by an option of its own"),
         ("sweep --vary seed=1,2 --set seed=4", "seed is both varied and set; give it once"),
-        ("grasp --arg a=1 --arg a=2", "a is given twice: by --arg a=1 and --arg a=2"),
         ("grasp --out=", "the value of --out is empty: give a value in `chromagrip grasp --out=`"),
-        ("reproduce figure13", "part 'figure13' (did you mean figure-13?): allowed are all, "),
-        ("render --grip 1,2", "--grip '1,2': expected numbers with spaces between, such as 1 2"),
-        ("render --grip --load 1", "--grip: its value is missing"),
         ("render --grip 1 -1", "--grip -1 N: expected 0 or more"),
-        ("render --load nan", "--load nan N: expected a finite number"),
-        ("render --object bal", "--object bal (did you mean ball?) is neither a file nor one of "),
         ("render --object ball --tilt-deg 200 0", "--tilt-deg 200: expected -90 to 90 about each "),
-        ("render --object ball --force 0 0 -2", "--force -2 N downwards: expected 0 or more"),
         ("plan --tolerance 5%", "expected a number without %, such as 0.05 for 5 %"),
-        ("dataset make tiny --count 4", "no option --count (did you mean --n?)"),
-        ("bench stability", "bench stability (did you mean `chromagrip stability`?): there is "),
-        ("grasp --controller mine:PI --set gain=3", "for an argument of your controller give "),
-        ("sweep --controller mine:PI --vary gain=2,3", "for an argument of your controller give "),
-        ("grasp --arg gain=2", "(--set margin_inversion.KEY=VALUE)"),
-        ("limit --grip -1", "--grip must be finite and above 0, got -1 N"),
-        ("grasp --controller :C", "controller ':C': expected module:Class, such as mine:Class"),
         ("grasp --controller mine.py:C", "controller 'mine.py:C': expected module:Class, such as "),
-        ("grasp --controller chromagrip.control:Controler", "Controler (did you mean Controller?)"),
-        ("grasp margin60hz", "no scene 'margin60hz' (did you mean margin-60hz?); there is "),
         ("grasp thesis --scene thesis", "a scene is given twice: thesis and --scene thesis"),
-        ("grasp --controller a --controller b", "--controller is given 2 times; give it once; `sw"),
-        ("grasp --set object.mass_g=3", "unknown key object.mass_g (did you mean pinch.mass_g?)"),
-        ("grasp --set object.friction=soft", "expected a number, got text, such as 0.5"),
-        ("grasp --set load.forces_n=3", "expected a list, got a whole number, such as [0.2, 0.5]"),
         ("grasp --fps fast", "--fps 'fast': expected a number"),
-        ("grasp --path mirror", "path 'mirror': allowed are camera, truth"),
-        ("grasp --scene", "--scene: its value is missing"),
         ("bench --quick", "bench --quick: there is control, force, loop, "),
-        ("stability track --controller mine:C", "no option --controller; see "),
-        ("bench track --tracker fit(gain=2)", "expected module:Class(name=value), such as"),
         ("dataset make", "missing: RECIPE|FILE.toml, --out DIR|URL; see `chromagrip dataset make "),
-        ("grasp --latency 1.5", "--latency '1.5': expected a whole number"),
         ("grasp --arg gain --json", "--arg gain: expected name=value"),
         pytest.param(
             "limit --grip 300",
             "markers do not determine forces at this grip and load",
             marks=pytest.mark.loops,
         ),
+        ("grasp --set object.sharpness=3", "key object.sharpness (did you mean object.shape?); al"),
+        ("grasp --scene banana", "no scene 'banana'; there is camera-100hz, "),
+        ("grasp none.toml", "scene file none.toml cannot be read: No such file"),
+        ("grasp --controller nowhere:C", "controller 'nowhere:C': there is no module nowhere"),
+        ("grasp --out /proc/chromagrip", "folder /proc/chromagrip cannot be written"),
+        ("detect 0.png --value-range 5,5", "--value-range 5,5: expected BLACK,WHITE, such as"),
+        ("detect 0.png --value-range a,b", "--value-range a,b: expected BLACK,WHITE, such as"),
         ("live pinch-lift", "the live page shows one finger; this scene is a pinch of two"),
-        ("grasp pinch-lift --source camera:0", "--source is for one finger; this scene is a pinch"),
     ],
 )
 def test_a_wrong_command_line_is_one_sentence(line: str, words: str, typed: Typed) -> None:
@@ -196,10 +150,12 @@ class PI:
         ("grasp empty.toml", "scene file empty.toml has no keys: give at least one, such as dura"),
         ("dataset make empty.toml --out a", "recipe empty.toml has no keys: give at least one, su"),
         ("limit --sensor empty.toml", "empty.toml: the key description is missing"),
-        ("render --object ball --press-mm 200", "a press of 200 mm: expected less than 4."),
-        ("render --object ball --force 0 0 900", "and 900 N down: expected less than "),
+        pytest.param("render --object ball --press-mm 200", "a press of 200 mm: expected less than",
+                     marks=pytest.mark.loops),
+        pytest.param("render --object ball --force 0 0 900", "and 900 N down: expected less than",
+                     marks=pytest.mark.loops),
     ],
-)
+)  # fmt: skip
 def test_what_is_known_once_a_file_or_a_press_has_been_looked_at_is_refused(
     line: str, words: str, typed: Typed, tmp_path: Path
 ) -> None:
@@ -218,11 +174,7 @@ def test_what_a_checkout_measures_is_known() -> None:
     assert sorted(studies("project")) == sorted(OF_CHECKOUT)
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["scenes", "sensors", "palettes", "controllers", "renderers", "trackers", "reconstructors",
-     "recipes", "readouts"],
-)  # fmt: skip
+@pytest.mark.parametrize("name", ["scenes", "palettes", "trackers", "reconstructors", "recipes"])
 def test_lists_are_the_same_in_json(name: str, typed: Typed) -> None:
     lines = typed("list", name).stdout.splitlines()
     entries = json.loads(typed("list", name, "--json").stdout)

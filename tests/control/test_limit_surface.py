@@ -11,7 +11,9 @@ from chromagrip.control import GripObservation, LimitSurfaceControl, LimitSurfac
 from chromagrip.control.limit_surface import TORSION_POWER, grip_factor
 from chromagrip.model import ForceField, margin_within, torsion
 
-PERIOD = 1.0 / 60.0
+from . import observed
+from .observed import PERIOD
+
 MU = 0.5
 #: Radius of the contact under a grip of 1 N [m], and nodes across it.
 RADIUS, ACROSS = 3e-3, 15
@@ -40,21 +42,18 @@ def touched(grip: float, pull: float, torque: float) -> ForceField:
     )
 
 
-def seen(time: float, field: ForceField) -> GripObservation:
-    limit = margin_within(field, MU)
-    return GripObservation(
-        time=time,
+def seen(time: float, field: ForceField, mu: float = MU) -> GripObservation:
+    limit = margin_within(field, mu)
+    return observed.seen(
+        time,
+        limit,
+        mu=mu,
         field=field,
-        friction=MU,
-        friction_interval=(MU, MU),
-        friction_observable=True,
-        margin=limit,
-        margin_interval=(limit, limit),
         lateral_displacement=0.0,
         limit_margin=limit,
         limit_margin_interval=(limit, limit),
         torsion=torsion(field)[0],
-        torsion_borne=MU * torsion(field)[2],
+        torsion_borne=mu * torsion(field)[2],
     )
 
 
@@ -66,10 +65,10 @@ def test_the_factor_puts_the_load_on_the_surface(pull: float, turn: float, allow
     assert math.hypot(pull / s, turn / s**TORSION_POWER) == pytest.approx(allowed, rel=1e-6)
 
 
-@pytest.mark.parametrize(("pull", "torque"), [(0.8, 0.0), (0.0, 4e-3), (0.5, 2e-3)])
+@pytest.mark.parametrize(("pull", "torque"), [(0.0, 4e-3), (0.5, 2e-3)])
 def test_it_settles_at_the_desired_margin(pull: float, torque: float) -> None:
     controller, grip = LimitSurfaceControl(LimitSurfaceSettings(caution=0.0)), 6.0
-    for k in range(300):
+    for k in range(150):
         grip = controller.command(seen(PERIOD * k, touched(grip, pull, torque))).force
     assert margin_within(touched(grip, pull, torque), MU) == pytest.approx(0.3, abs=0.02)
 
@@ -81,6 +80,16 @@ def test_torsion_alone_needs_the_grip_of_hertz() -> None:
     borne = MU * torsion(field)[2]
     grip = controller._grip(seen(0.0, field), MU)
     assert 0.7 * borne * (grip / 4.0) ** TORSION_POWER == pytest.approx(2e-3, rel=0.01)
+
+
+def test_a_cautious_friction_grips_as_if_it_were_the_true_one() -> None:
+    """What the limit surface bears of pull and torsion is in proportion to µ."""
+    field = touched(4.0, 0.4, 2e-3)
+    settings = LimitSurfaceSettings()
+    read, true = (
+        LimitSurfaceControl(settings)._grip(seen(0.0, field, mu), 0.35) for mu in (MU, 0.35)
+    )
+    assert read == pytest.approx(true, rel=1e-4)
 
 
 @pytest.mark.parametrize("lead", [0.05, 0.15])
@@ -104,17 +113,3 @@ def test_a_swing_is_not_expected_to_go_farther_than_the_one_before() -> None:
     peak = at_peak._grip(seen(0.0, touched(4.0, 0.0, 1.2 * 3e-3)), MU)
     assert max(grips[:20]) > peak  # the first rise has no swing before it
     assert max(grips[30:]) <= peak
-
-
-def test_without_torsion_it_is_margin_inversion() -> None:
-    """Of a chain: no directions, and no margin with torsion."""
-    field = ForceField(
-        position=np.zeros((1, 2)), normal=np.array([2.0]), friction=np.array([0.4]),
-        contact=np.array([True]), totals_covariance=np.zeros((2, 2)),
-    )  # fmt: skip
-    observation = GripObservation(
-        time=0.0, field=field, friction=MU, friction_interval=(MU, MU), friction_observable=True,
-        margin=field.safety_margin(MU), margin_interval=(0.6, 0.6), lateral_displacement=0.0,
-    )  # fmt: skip
-    controller = LimitSurfaceControl(LimitSurfaceSettings(caution=0.0))
-    assert controller._grip(observation, MU) == pytest.approx(0.4 / (MU * 0.7))

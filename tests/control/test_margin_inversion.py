@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,43 +13,23 @@ from chromagrip.control import (
     MarginInversion,
     MarginInversionSettings,
 )
-from chromagrip.model import ForceField
 
-PERIOD = 1.0 / 60.0
+from . import observed
+from .observed import PERIOD
+
 Z90 = 1.645
 
 
 def seen(
-    time: float,
-    load: float,
-    mu: float,
-    normal: float,
-    deviation: float = 0.0,
-    observable: bool = True,
-    reason: str = "",
+    time: float, load: float, mu: float, normal: float, deviation: float = 0.0, **more: Any
 ) -> GripObservation:
-    field = ForceField(
-        position=np.zeros((1, 2)),
-        normal=np.array([normal]),
-        friction=np.array([load]),
-        contact=np.array([normal > 0.0]),
-        totals_covariance=np.zeros((2, 2)),
-    )
-    margin = field.safety_margin(mu)
-    return GripObservation(
-        time=time,
-        field=field,
-        friction=mu,
-        friction_interval=(mu - Z90 * deviation, mu + Z90 * deviation),
-        friction_observable=observable,
-        margin=margin,
-        margin_interval=(margin, margin),
-        lateral_displacement=math.nan,
-        no_estimate=reason,
-    )
+    """Observation of a load under a grip, with µ and its standard deviation."""
+    margin = 1.0 - load / (mu * normal) if normal > 0.0 else math.nan
+    interval = (mu - Z90 * deviation, mu + Z90 * deviation)
+    return observed.seen(time, margin, normal=normal, mu=mu, friction_interval=interval, **more)
 
 
-def held(controller: MarginInversion, frames: int, load: float, mu: float, **more: float) -> float:
+def held(controller: MarginInversion, frames: int, load: float, mu: float, **more: Any) -> float:
     """Force after some frames in which what is commanded is what presses, and may slip."""
     start = 0.0 if math.isnan(controller._time) else controller._time + PERIOD
     force = controller._force
@@ -58,23 +39,13 @@ def held(controller: MarginInversion, frames: int, load: float, mu: float, **mor
     return force
 
 
-@pytest.mark.parametrize("mu", [0.3, 0.5, 0.7])
-@pytest.mark.parametrize("desired", [0.1, 0.3, 0.6])
-def test_it_settles_at_the_desired_margin(mu: float, desired: float) -> None:
-    controller = MarginInversion(MarginInversionSettings(desired_margin=desired))
-    force = held(controller, 200, 0.25, mu)
-    assert 1.0 - 0.25 / (mu * force) == pytest.approx(desired, abs=0.02)
-
-
-def test_the_smallest_friction_is_a_setting() -> None:
-    usual, cautious = (
-        MarginInversion(MarginInversionSettings(), tuned)
-        for tuned in (InversionSettings(), InversionSettings(least_friction=0.25))
-    )
+def test_the_smallest_friction_bounds_what_is_read() -> None:
     observation = seen(0.0, 0.25, 0.1, 5.0)
-    assert usual.command(observation).force == pytest.approx(0.25 / (0.1 * 0.7))
-    # Grip first demands more than the larger friction does.
-    assert cautious.command(observation).force == pytest.approx(0.25 / (0.1 * 0.95))
+    for least, grip in ((0.1, 0.25 / (0.1 * 0.7)), (0.25, 0.25 / (0.1 * 0.95))):
+        tuned = InversionSettings(least_friction=least)
+        controller = MarginInversion(MarginInversionSettings(), tuned)
+        # Grip first demands more than the larger friction does.
+        assert controller.command(observation).force == pytest.approx(grip)
 
 
 def test_a_new_load_is_answered_at_once() -> None:
@@ -100,38 +71,20 @@ def test_it_gives_way_no_faster_than_its_release() -> None:
     after = held(controller, 6, 0.1, 0.5)
     assert before - after == pytest.approx(3.0 * 6 * PERIOD)
     assert held(controller, 100, 0.1, 0.5) == pytest.approx(0.1 / 0.35, rel=0.02)
+    assert held(controller, 40, 0.001, 0.5) == controller.settings.floor_n
 
 
-def test_without_a_view_of_friction_it_holds_its_start() -> None:
+def test_without_a_view_of_friction_it_holds_its_start_unless_the_load_is_heavy() -> None:
     """A pure press: ratios near the tissue's Poisson factor say nothing of µ (E7)."""
-    controller = MarginInversion(MarginInversionSettings(start_n=1.0))
-    assert held(controller, 30, 0.001, 0.4, deviation=0.2, observable=False) == 1.0
+    for load, deviation, light in ((0.001, 0.2, True), (2.0, 0.1, False)):
+        controller = MarginInversion(MarginInversionSettings(start_n=1.0))
+        force = held(controller, 30, load, 0.4, deviation=deviation, friction_observable=False)
+        assert force == 1.0 if light else force > load / (0.4 * 0.7)
+    nothing = seen(0.0, 0.0, math.nan, 0.0)  # touches: it makes contact
+    assert MarginInversion(MarginInversionSettings(start_n=1.3)).command(nothing).force == 1.3
 
 
-def test_a_heavy_load_raises_the_grip_before_friction_has_shown() -> None:
-    controller = MarginInversion(MarginInversionSettings(start_n=1.0))
-    assert held(controller, 30, 2.0, 0.5, deviation=0.1, observable=False) > 2.0 / (0.5 * 0.7)
-
-
-def test_it_stays_for_a_moment_where_a_frame_says_nothing() -> None:
-    """Then it rises: a frame without an estimate does not exclude that the object slides."""
-    controller = MarginInversion(MarginInversionSettings())
-    before = held(controller, 50, 0.65, 0.5)
-    start = controller._time + PERIOD
-    forces = [
-        controller.command(seen(start + PERIOD * k, 0.0, math.nan, 0.0, reason="few markers")).force
-        for k in range(500)
-    ]
-    assert forces[:2] == [before, before]
-    settings = controller.settings.grip_first
-    assert np.diff(forces[1:20]) == pytest.approx(settings.rise_n_per_s * PERIOD)
-    assert forces[-1] == settings.ceiling_n
-    # Nothing touches: at least the force that makes contact.
-    controller.reset()
-    assert controller.command(seen(0.0, 0.0, math.nan, 0.0)).force == 1.0
-
-
-@pytest.mark.parametrize("deviation", [0.001, 0.02, 0.05])
+@pytest.mark.parametrize("deviation", [0.001, 0.05])
 def test_friction_that_reads_low_does_not_run_away(deviation: float) -> None:
     """Skin that sticks again under a raised grip reads µ ever lower the harder it is gripped.
 
@@ -143,7 +96,7 @@ def test_friction_that_reads_low_does_not_run_away(deviation: float) -> None:
     for tolerance in (1.0, 0.0):
         controller = MarginInversion(MarginInversionSettings(caution=0.0, tolerance=tolerance))
         force = held(controller, 100, 0.65, 0.5, deviation=deviation)
-        for k in range(600):
+        for k in range(300):
             read = max(0.49 - 0.4 * (force - balance), 0.02)
             told = seen(10.0 + PERIOD * k, 0.65, read, force * 0.5 / read, deviation)
             force = controller.command(told).force
@@ -155,14 +108,12 @@ def test_friction_that_reads_low_does_not_run_away(deviation: float) -> None:
 def test_friction_falls_where_it_slips() -> None:
     """Moisture: µ drops from 0.5 to 0.3, the contact slips, and friction there is µ·Fn."""
     controller = MarginInversion(MarginInversionSettings())
-    force = held(controller, 100, 0.65, 0.5)
-    for k in range(30):
-        load = min(0.65, 0.3 * force)
-        force = controller.command(seen(10.0 + PERIOD * k, load, 0.3, force)).force
+    held(controller, 100, 0.65, 0.5)
+    force = held(controller, 30, 0.65, 0.3)
     assert 1.0 - 0.65 / (0.3 * force) == pytest.approx(0.3, abs=0.05)
 
 
-@pytest.mark.parametrize("noise", [0.002, 0.01, 0.02])
+@pytest.mark.parametrize("noise", [0.002, 0.02])
 def test_noise_neither_shakes_nor_lifts_the_grip(noise: float) -> None:
     """Whatever the noise of the load is, it is learned: the grip stays, and stays low."""
     rng = np.random.default_rng(3)
@@ -187,12 +138,6 @@ def test_an_unsure_friction_is_counted_on_less() -> None:
         for d in (0.0, 0.05)
     )
     assert unsure / sure == pytest.approx(0.5 / 0.45, rel=0.02)
-
-
-def test_the_grip_stays_between_floor_and_ceiling() -> None:
-    controller = MarginInversion(MarginInversionSettings(floor_n=0.2, ceiling_n=5.0))
-    assert held(controller, 200, 0.001, 0.5) == 0.2
-    assert held(controller, 20, 40.0, 0.5) == 5.0
 
 
 def test_torsion_is_borne_at_the_desired_margin() -> None:

@@ -1,12 +1,13 @@
-"""Datasets of several cases: each sequence has the tables, labels and physics of its own case."""
+"""Datasets of several cases, each with its own tables, labels and physics, and of own sensors."""
 
+import shutil
 from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-import tomli_w
 from msgspec.structs import replace
 
 from chromagrip import UserError
@@ -22,16 +23,17 @@ from chromagrip.dataset.recipe import (
     bodies_of,
     cases_of,
     drawn,
-    dump_recipe,
     load_recipe,
     scene_of,
 )
 from chromagrip.dataset.torch import Frames
+from chromagrip.render import load_sensor
+from chromagrip.scene.scene import load_scene
 
 Digests = Callable[[Path], dict[str, str]]
 BOTH = Recipe(
     sequences=4,
-    scene={"duration_s": 0.05, "camera": {"rate_hz": 60.0, "noise_levels": 0.0}},
+    scene={"duration_s": 0.02, "camera": {"rate_hz": 60.0, "noise_levels": 0.0}},
     draw={"sensor": {"each": ["dome-2020", "thesis"]}, "object.friction": {"uniform": [0.3, 0.8]}},
     cases=(
         Case(
@@ -55,8 +57,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_sequences_take_turns_at_cases_and_at_each_value(made: Path) -> None:
+def test_sequences_take_turns_at_cases_and_have_their_labels(made: Path) -> None:
     assert check(made) == 4
+    assert load_recipe(str(made / "recipe.toml")) == BOTH
     found = [(one.values["case"], one.scene.body, one.scene.sensor) for one in load_sequences(made)]
     assert found == [
         ("chain", "chain", "dome-2020"),
@@ -67,9 +70,6 @@ def test_sequences_take_turns_at_cases_and_at_each_value(made: Path) -> None:
     rows = pq.read_table(made / TABLE).to_pylist()
     assert [row["case"] for row in rows] == ["chain", "dome", "chain", "dome"]
     assert [row["grip_n"] is None for row in rows] == [False, True, False, True]
-
-
-def test_labels_follow_the_body(made: Path) -> None:
     for one in load_sequences(made):
         columns = columns_of(one.scene.body)
         assert list(one.frames) == list(columns.frame)
@@ -113,95 +113,6 @@ def test_compression_of_a_case_is_in_its_pictures_alone(made: Path) -> None:
     assert steps[1] > 1.15
 
 
-@pytest.mark.data
-def test_shards_of_cases_are_merged_and_read_back(
-    made: Path, tmp_path: Path, bytes_of: Digests
-) -> None:
-    for first in (2, 1):
-        make(BOTH, tmp_path / f"shard{first}", shard=(first, 2))
-    merge([tmp_path / "shard2", tmp_path / "shard1"], tmp_path / "merged")
-    assert bytes_of(tmp_path / "merged") == bytes_of(made)
-    assert load_recipe(str(made / "recipe.toml")) == BOTH
-
-
-def test_a_recipe_without_cases_is_written_without() -> None:
-    """Its bytes are those of before there were cases."""
-    assert "cases" not in dump_recipe(load_recipe("tiny"))
-
-
-def test_the_cases_of_the_documentation_are_a_recipe(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text(encoding="utf-8")
-    blocks = [part.split("```")[0] for part in text.split("```toml\n")[1:]]
-    (block,) = [block for block in blocks if "[[cases]]" in block]
-    (tmp_path / "mine.toml").write_text(block, encoding="utf-8")
-    recipe = load_recipe(str(tmp_path / "mine.toml"))
-    found = [(drawn(recipe, k)["case"], drawn(recipe, k)["sensor"]) for k in range(4)]
-    assert found == [
-        ("chain, JPEG", "thesis"), ("dome", "thesis"), ("chain, JPEG", "fovea"), ("dome", "fovea"),
-    ]  # fmt: skip
-
-
-def test_files_of_cases_come_along(tmp_path: Path) -> None:
-    text = {"cases": [{"name": "mine", "scene": {"sensor": "mine.toml"}}]}
-    (tmp_path / "here.toml").write_text(tomli_w.dumps(text), encoding="utf-8")
-    design = Path(__file__).parents[2] / "render" / "designs" / "dome-2020.toml"
-    (tmp_path / "mine.toml").write_bytes(design.read_bytes())
-    recipe = load_recipe(str(tmp_path / "here.toml"))
-    make(replace(recipe, sequences=1, scene={"duration_s": 0.03}), tmp_path / "data")
-    (tmp_path / "mine.toml").unlink()
-    assert check(tmp_path / "data") == 1
-    assert (tmp_path / "data" / "sensors" / "mine" / "mine.toml").is_file()
-
-
-@pytest.mark.parametrize(
-    ("tables", "said"),
-    [
-        ({"cases": [{"name": "a"}, {"name": "a"}]}, "two cases have the name 'a'"),
-        ({"cases": [{}]}, "name"),
-        ({"draw": {"case": {"choice": ["a"]}}}, "cases are not drawn"),
-        ({"cases": [{"name": "a", "draw": {"case": {"choice": ["a"]}}}]}, "cases are not drawn"),
-        ({"cases": [{"name": "a", "truth": ["flow"]}]}, "truth"),
-        (
-            {
-                "cases": [
-                    {"name": "a"},
-                    {"name": "b", "draw": {"object.friction": {"each": [90.0]}}},
-                ]
-            },
-            "case b: draw.object.friction reaches 90",
-        ),
-        ({"cases": [{"name": "a", "scene": {"body": "x"}}]}, "case a: body = 'x': allowed: chain"),
-        ({"draw": {"grip_n": {"each": []}}}, "each needs something to choose from"),
-        (
-            {
-                "draw": {"object.friction": {"choice": [0.5]}},
-                "cases": [{"name": "a", "scene": {"object": {"friction": 0.4}}}],
-            },
-            "case a: object.friction is set and drawn",
-        ),
-        (
-            {"truth": ["contact"], "cases": [{"name": "a"}, {"name": "b"}]},
-            "truth 'contact' needs a recipe with",
-        ),
-        (
-            {
-                "truth": ["contact"],
-                "scene": {"body": "dome"},
-                "cases": [{"name": "a"}, {"name": "b", "scene": {"body": "chain"}}],
-            },
-            "truth 'contact' needs a recipe with",
-        ),
-    ],
-)
-def test_cases_that_cannot_be_are_refused(
-    tmp_path: Path, tables: dict[str, object], said: str
-) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(tomli_w.dumps(tables), encoding="utf-8")
-    with pytest.raises(UserError, match=said):
-        load_recipe(str(path))
-
-
 def test_layouts_of_one_size_refuse_several(made: Path, tmp_path: Path) -> None:
     for layout, said in (("lerobot", "pictures of 640×480"), ("coco", "markers")):
         with pytest.raises(UserError, match=said):
@@ -211,8 +122,87 @@ def test_layouts_of_one_size_refuse_several(made: Path, tmp_path: Path) -> None:
     pytest.importorskip("torch")
     with pytest.raises(UserError, match=r"'x_px' has \d+ values in some sequences and 800"):
         Frames(made, labels=("x_px",))
-    with pytest.raises(UserError, match="no label 'force_x_n'"):
-        Frames(made, labels=("force_x_n",))
-    assert len(Frames(made, labels=("normal_n",))) == sum(
-        len(one.pictures) for one in load_sequences(made)
-    )
+
+
+RECIPE = """
+sequences = 2
+[scene]
+duration_s = 0.03
+[[cases]]
+name = "mine"
+[cases.scene]
+sensor = "mine.toml"
+[draw]
+"object.friction" = { uniform = [0.3, 0.6] }
+"""
+
+
+def written(folder: Path, recipe: str = RECIPE) -> Path:
+    """A recipe, its sensor and the file of places that this names, each beside the other."""
+    folder.mkdir(parents=True)
+    design = files("chromagrip.render").joinpath("designs/thesis.toml").read_text(encoding="utf-8")
+    start, end = design.index("[layout]"), design.index("# Stiff dots")
+    layout = '[layout]\nkind = "file"\npath = "places/grid.csv"\n\n'
+    (folder / "mine.toml").write_text(design[:start] + layout + design[end:], encoding="utf-8")
+    (folder / "places").mkdir()
+    places = np.degrees(load_sensor("thesis").places[:60])
+    lines = ["theta_deg,phi_deg", *(f"{theta},{phi}" for theta, phi in places)]
+    (folder / "places" / "grid.csv").write_text("\n".join(lines), encoding="utf-8")
+    (folder / "recipe.toml").write_text(recipe, encoding="utf-8")
+    return folder / "recipe.toml"
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset whose recipe and sensor are gone, in another place than it was made in."""
+    folder = tmp_path_factory.mktemp("own")
+    make(load_recipe(str(written(folder / "here"))), folder / "data")
+    shutil.rmtree(folder / "here")
+    (folder / "data").rename(folder / "moved")
+    return folder / "moved"
+
+
+def test_it_is_read_where_nothing_else_is(own: Path) -> None:
+    assert check(own) == 2
+    for one in load_sequences(own):
+        assert one.places.shape[2] == 60
+        assert len(one.scene.build_sensor().places) == 60
+    scene = load_scene(str(own / "sequence-000001" / "scene.toml"))
+    assert Path(scene.sensor).samefile(own / "sensors" / "mine" / "mine.toml")
+    text = [file.read_text("utf-8") for file in own.rglob("*") if file.suffix in (".toml", ".json")]
+    assert not [one for one in text if str(own.parent) in one]
+
+
+def test_other_sensors_are_other_datasets(own: Path, tmp_path: Path, bytes_of: Digests) -> None:
+    folder = shutil.copytree(own, tmp_path / "data")
+    path = written(tmp_path / "here")
+    grid = tmp_path / "here" / "places" / "grid.csv"
+    grid.write_text("\n".join(grid.read_text("utf-8").splitlines()[:-1]), encoding="utf-8")
+    other, before = load_recipe(str(path)), bytes_of(folder)
+    with pytest.raises(UserError, match=r"another sensor: sensors/mine/grid\.csv differs"):
+        make(other, folder, resume=True)
+    assert bytes_of(folder) == before
+    make(other, tmp_path / "shard", shard=(2, 2))
+    with pytest.raises(UserError, match="shard is of another sensor than"):
+        merge([folder, tmp_path / "shard"], tmp_path / "merged")
+    with (folder / "sensors" / "mine" / "grid.csv").open("a", encoding="utf-8") as file:
+        file.write("\n1.0,2.0\n")
+    with pytest.raises(UserError, match=r"grid\.csv has changed"):
+        check(folder)
+
+
+def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    """They would be one in the dataset."""
+    for name in "ab":
+        written(tmp_path / name)
+    draw = {"sensor": {"choice": [str(tmp_path / name / "mine.toml") for name in "ab"]}}
+    tiny = load_recipe("tiny")
+    with pytest.raises(UserError, match=r"one sensor of a name; there are two mine\.toml"):
+        make(replace(tiny, draw=draw), tmp_path / "data")
+    design = tmp_path / "a" / "mine.toml"
+    lens = '[camera]\ncalibration = "lens/grid.csv"\n'
+    design.write_text(design.read_text("utf-8").replace("[camera]\n", lens), encoding="utf-8")
+    (tmp_path / "a" / "lens").mkdir()
+    (tmp_path / "a" / "lens" / "grid.csv").touch()
+    with pytest.raises(UserError, match=r"copied: it names two files called grid\.csv"):
+        make(replace(tiny, scene={"sensor": str(design)}), tmp_path / "data")

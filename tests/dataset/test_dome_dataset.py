@@ -1,129 +1,236 @@
-"""Datasets of a dome: whole, with pixels that carry the force; meshes come along."""
+"""Datasets of a dome: pixels that carry the force, forces that were read again, meshes."""
 
-import io
+import json
 import shutil
-import tarfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from msgspec.structs import replace
 
 from chromagrip import UserError
-from chromagrip.dataset import load_sequences
+from chromagrip.cli.pictures import estimate
+from chromagrip.dataset import Loaded, load_sequences
 from chromagrip.dataset import sequence as one_sequence
 from chromagrip.dataset.check import check
-from chromagrip.dataset.export.layouts import export
-from chromagrip.dataset.folder import TABLE, sequence_name
+from chromagrip.dataset.folder import CARD, TABLE, read_manifest, sequence_name
+from chromagrip.dataset.frozen import digests_of
+from chromagrip.dataset.labels import INTERVALS, READ, READING
+from chromagrip.dataset.labels.reading import reading_lines
 from chromagrip.dataset.make import make, merge
-from chromagrip.dataset.recipe import Recipe, load_recipe, pose_of, scene_of
+from chromagrip.dataset.read import tables
+from chromagrip.dataset.recipe import Recipe, load_recipe
 from chromagrip.dataset.sequence import sequence, shots
-
-DRAW: dict[str, Any] = {
-    "motion": {"choice": ["move"]},
-    "pose.press_share": {"uniform": [0.2, 0.3]},
-    "pose.shear_mm": {"choice": [0.6]},
-    "pose.shear_towards_deg": {"uniform": [0.0, 360.0]},
-    "pose.twist_deg": {"choice": [20.0]},
-    "pose.tilt_deg": {"choice": [5.0]},
-    "object": {"choice": [{"shape": "capsule", "size_mm": [4.0, 12.0]}, {"radius_mm": 12.0}]},
-    "object.stiffness_kpa": {"uniform": [200.0, 400.0]},
-}
-SCENE = {
-    "body": "dome", "duration_s": 0.1, "camera": {"rate_hz": 60.0}, "dome": {"pitch_mm": 0.8},
-}  # fmt: skip
-SMALL = Recipe(sequences=2, scene=SCENE, draw=DRAW)
-#: Images of the truth take most of the time: three frames of one sequence.
-PICTURED = replace(
-    SMALL,
-    sequences=1,
-    scene=SCENE | {"camera": {"rate_hz": 24.0}},
-    truth=("traction", "contact", "depth"),
-)
+from chromagrip.sensing.reader import Reader
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("data") / "small"
-    make(SMALL, folder)
-    return folder
+def loaded(pressed: Path) -> list[Loaded]:
+    return list(load_sequences(pressed))
 
 
-@pytest.fixture(scope="module")
-def pictured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("data") / "pictured"
-    make(PICTURED, folder)
-    return folder
-
-
-def test_a_dataset_of_a_dome_is_whole(made: Path) -> None:
-    assert check(made) == 2
-    one = next(iter(load_sequences(made)))
+def test_pixels_carry_the_force_and_the_motion(pressed: Path, loaded: list[Loaded]) -> None:
+    """∫ traction over the skin = F: pixels are weighted by the skin that they see."""
+    assert check(pressed) == 1
+    one = loaded[0]
     assert one.frames["contact_nodes"].max() > 10
     assert set(one.frames["slip_state"]) & {"incipient", "gross"}
     assert one.markers["node_slips"].any()
-
-
-def test_the_pixels_carry_the_force(pictured: Path) -> None:
-    """∫ traction over the skin = F: pixels are weighted by the skin that they see."""
-    assert check(pictured) == 1
-    one = next(iter(load_sequences(pictured)))
-    truth = np.load(pictured / sequence_name(0) / "truth-002.npz")
-    assert truth["traction"].shape == (480, 640, 3)
+    truth = np.load(pressed / sequence_name(0) / "truth-001.npz")
+    view = one.scene.build_sensor().view
+    assert truth["traction"].shape == (view.height, view.width, 3)
     shown = abs(np.nan_to_num(truth["traction"])).max(axis=-1) > 0.0
     assert (truth["contact"] == shown).all()
-    area = one.markers["node_area_mm2"][2]
-    force = [one.frames[f"force_{axis}_n"][2] for axis in "xyz"]
-    normal = one.markers["node_normal_n"][2]
+    area = one.markers["node_area_mm2"][1]
+    force = [one.frames[f"force_{axis}_n"][1] for axis in "xyz"]
     # The largest pressure that a pixel shows is that of a node.
-    assert abs(truth["traction"][shown]).max() == pytest.approx(
-        1e6 * (normal / area).max(), rel=0.25
-    )
+    largest = 1e6 * (one.markers["node_normal_n"][1] / area).max()
+    assert abs(truth["traction"][shown]).max() == pytest.approx(largest, rel=0.25)
     mean = truth["traction"][shown].mean(axis=0)
-    cosine = mean @ force / np.linalg.norm(mean) / np.linalg.norm(force)
-    assert cosine > 0.97
+    assert mean @ force / np.linalg.norm(mean) / np.linalg.norm(force) > 0.97
+    # Optical flow where a marker rests is the motion of its label.
+    middle = np.stack([one.markers[f"projected_{axis}_px"] for axis in "xy"], axis=-1)
+    middle = middle.reshape(2, 2, -1, 2)
+    moved = middle[1] - middle[0]
+    assert np.nanmax(abs(moved)) > 0.5
+    flow = truth["flow"] - np.load(pressed / sequence_name(0) / "truth-000.npz")["flow"]
+    for layer in range(2):
+        at = np.rint(np.nan_to_num(middle[0, layer])).astype(int)
+        inside = np.hypot(*(at - [view.width / 2, view.height / 2]).T) < 0.3 * view.height
+        np.testing.assert_allclose(
+            flow[layer][at[inside, 1], at[inside, 0]], moved[layer, inside], atol=0.15
+        )
 
 
-def test_what_came_before_changes_no_byte() -> None:
-    after = [shot.image for shot in shots(SMALL, sequence(SMALL, 1))[1]]
-    for name in ("_map", "_renderer"):
-        getattr(one_sequence, name).cache_clear()
-    alone = [shot.image for shot in shots(SMALL, sequence(SMALL, 1))[1]]
-    assert all((a == b).all() for a, b in zip(after, alone, strict=True))
+def test_a_reading_is_near_the_truth_and_says_how_near(loaded: list[Loaded]) -> None:
+    for one in loaded:
+        frames = one.frames
+        assert not any(frames[f"{READ}no_estimate"])
+        for name, slack in (("force_x_n", 0.03), ("force_y_n", 0.03), ("force_z_n", 0.1)):
+            low, value, high = (frames[column][-1] for column in INTERVALS[name])
+            assert low < value < high
+            assert value == pytest.approx(frames[name][-1], abs=slack * frames["normal_n"][-1])
+            # Two half-widths off would be wrong and narrow.
+            assert abs(value - frames[name][-1]) < high - low
 
 
-def test_forces_drive_an_object_too(tmp_path: Path) -> None:
-    draw = {"motion": {"choice": ["slip"]}, "grip_n": {"choice": [1.0]}}
-    make(replace(SMALL, sequences=1, draw=draw), tmp_path / "slip")
-    assert check(tmp_path / "slip") == 1
-    one = next(iter(load_sequences(tmp_path / "slip")))
-    assert one.frames["load_n"].max() > 0.5
-
-
-def test_a_tilt_leans_the_way_that_was_drawn() -> None:
-    scene = scene_of(SMALL, 0, {})
-    values = {"pose.tilt_deg": 10.0, "pose.tilt_towards_deg": 90.0, "pose.shear_mm": 2.0}
-    pose = pose_of(values | {"pose.shear_towards_deg": 90.0, "pose.press_share": 0.5}, scene)
-    assert pose.shear == pytest.approx((0.0, 2e-3), abs=1e-12)
-    # A positive turn about x leads z to −y; the top leans to +y by a negative one.
-    assert pose.tilt == pytest.approx((-np.radians(10.0), 0.0), abs=1e-12)
-    assert pose.press == pytest.approx(0.5 * scene.build_dome().thickness)
-
-
-def _meshes(folder: Path) -> Path:
-    trimesh = pytest.importorskip("trimesh")
-    folder.mkdir()
-    for size in (6.0, 9.0):
-        trimesh.creation.icosphere(subdivisions=3, radius=size).export(folder / f"ball-{size}.stl")
-    return folder
+def test_a_reading_comes_from_the_pictures_alone(loaded: list[Loaded]) -> None:
+    """The files that anybody has are read again, without the labels."""
+    one = loaded[0]
+    reader = Reader("dome-2022", [one.pictures.rest], noise=1.0, window=0.05)
+    for k, image in enumerate(one.images()):
+        seen = reader.update(image, k / 20.0).observation
+        assert seen is not None
+        assert one.frames[f"{READ}normal_n"][k] == pytest.approx(seen.field.total_normal)
+        for axis, force in zip("xyz", seen.force, strict=True):
+            assert one.frames[f"{READ}force_{axis}_n"][k] == pytest.approx(force)
+        assert one.frames[f"{READ}torque_z_nmm"][k] == pytest.approx(1e3 * seen.torque)
 
 
 @pytest.mark.data
-def test_meshes_come_along_and_are_split_by_object(tmp_path: Path) -> None:
-    recipe = load_recipe("objects", _meshes(tmp_path / "parts"))
-    recipe = replace(recipe, sequences=2, scene={**recipe.scene, **SCENE, "sensor": "thesis"})
+def test_a_sequence_before_changes_nothing(presses: Recipe) -> None:
+    two = replace(presses, sequences=2)
+    _, after = (list(shots(two, sequence(two, number))[1]) for number in (0, 1))
+    for name in ("_map", "_renderer"):
+        getattr(one_sequence, name).cache_clear()
+    alone = shots(two, sequence(two, 1))[1]
+    for one, other in zip(after, alone, strict=True):
+        np.testing.assert_array_equal(one.image, other.image)
+        for name in READING:
+            np.testing.assert_equal(one.values[name], other.values[name])
+
+
+def test_what_nothing_reads_says_why(presses: Recipe, tmp_path: Path) -> None:
+    scene = presses.scene | {"sensor": "flat-2019"}
+    make(replace(presses, sequences=1, truth=(), scene=scene), tmp_path / "pad")
+    assert check(tmp_path / "pad") == 1
+    frames = next(iter(load_sequences(tmp_path / "pad"))).frames
+    assert all("flat" in reason for reason in frames[f"{READ}no_estimate"])
+    assert all(np.isnan(frames[name]).all() for names in INTERVALS.values() for name in names)
+    assert not frames[f"{READ}mu_observable"].any()
+    for reading, said in (
+        ("sequential", 'does not read body = "dome"; allowed are auto, contact'),
+        ("magic", "no reading 'magic'; there is auto, sequential"),
+    ):
+        with pytest.raises(UserError, match=said):
+            make(replace(presses, reading=reading), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.data
+def test_a_reading_changes_no_label_and_no_picture(tmp_path: Path) -> None:
+    tiny = replace(load_recipe("tiny"), sequences=1)
+    make(tiny, tmp_path / "plain")
+    make(replace(tiny, reading="auto"), tmp_path / "read")
+    plain, read = (tmp_path / name / sequence_name(0) for name in ("plain", "read"))
+    assert digests_of(plain) == digests_of(read)
+    assert not set(READING) & set(pq.read_schema(plain / "frames.parquet").names)
+
+
+def test_a_reading_that_cannot_be_is_named(
+    pressed: Path, tmp_path: Path, respelled: Callable[..., None]
+) -> None:
+    for column, value, said in (
+        ("reading_force_x_low_n", 9.0, "reading_force_x_n is .*, outside of its interval"),
+        ("reading_margin_high", -9.0, "reading_margin is .*, outside of its interval"),
+        ("reading_mu", np.inf, "reading_mu is inf; allowed: .* or NaN"),
+    ):
+        folder = shutil.copytree(pressed, tmp_path / column)
+        respelled(folder, "frames", column, 1, value)
+        with pytest.raises(UserError, match=f"frame 1: {said}"):
+            check(folder)
+
+
+def test_the_card_counts_what_is_covered(pressed: Path) -> None:
+    """By hand: of frames in contact, errors and intervals."""
+    text = (pressed / CARD).read_text("utf-8")
+    rows = [
+        [part[name][k] for name in ("force_z_n", *INTERVALS["force_z_n"])]
+        for part in tables(pressed, read_manifest(pressed)["sequences"])
+        for k, count in enumerate(part["contact_nodes"])
+        if count
+    ]
+    covered = sum(low <= truth <= high for truth, low, _, high in rows) / len(rows)
+    error = np.median([abs(value - truth) for truth, _, value, _ in rows])
+    assert f"| `force_z_n` | {len(rows)} | {error:.2g} | {covered:.0%} |" in text
+    assert "| `reading_margin_low` | – | read from the picture: lower end of its interval |" in text
+    assert reading_lines("", []) == []
+
+
+def estimated(folder: Path, out: Path, **words: Any) -> tuple[dict[str, Any], pa.Table]:
+    """Summary and table of estimates of a folder's pictures."""
+    assert estimate(str(folder / "rest.png"), str(folder), out=out, **words) == 0
+    return json.loads((out / "summary.json").read_text()), pq.read_table(out / "estimates.parquet")
+
+
+OWN: dict[str, Any] = {"calibration": "dome-2022", "fps": 20.0, "reconstructor": "contact"}
+
+
+def test_truth_stands_next_to_the_estimates(
+    pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = pressed / sequence_name(0)
+    summary, table = estimated(folder, tmp_path / "out", **OWN)
+    assert (summary["fps"], summary["reconstructor"]) == (20.0, "contact")
+    for name in ("normal_n", "friction_n"):
+        true = pq.read_table(folder / "frames.parquet")[name].to_numpy()
+        off = np.sqrt(np.mean((true - table[name].to_numpy()) ** 2))
+        assert summary["truth"][name]["rms_error"] == pytest.approx(off)
+        assert off < 0.1 * true.max()
+        assert summary["truth"][name]["last"] == true[-1]
+    assert "at the end" in " ".join(capsys.readouterr().out.split())
+    with pytest.raises(UserError, match="is of another sensor than"):
+        estimate(*map(str, (folder / "rest.png", folder)), calibration="thesis")
+
+
+@pytest.mark.data
+def test_pictures_alone_are_read_as_with_their_truth(
+    pressed: Path, tiny: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A read-out of the chain says ±100 % of a silicone dome's forces, which a sequence tells."""
+    for of, words in (
+        (pressed / sequence_name(0), OWN),
+        (tiny / sequence_name(2), {"calibration": "thesis", "fps": 60.0}),
+    ):
+        bare = tmp_path / f"bare-{words['calibration']}"
+        bare.mkdir()
+        for picture in of.glob("*.png"):
+            shutil.copy(picture, bare)
+        first = cv2.imread(str(bare / "rest.png"))
+        assert first is not None
+        cv2.imwrite(str(bare / "frame-999.png"), np.zeros_like(first))  # without any marker
+        (summary, table), (other, of_bare) = (
+            estimated(each, tmp_path / f"{each.name}-{words['calibration']}", **words)
+            for each in (of, bare)
+        )
+        count = len(table)
+        assert table["normal_n"].equals(of_bare["normal_n"][:count])
+        assert (other["truth"], other["frames"], other["last_estimate"]) == (
+            {},
+            count + 1,
+            count - 1,
+        )
+        said = " ".join(capsys.readouterr().out.split())
+        assert f"in frame {count - 1}, the last with an estimate" in said
+        doubts = summary["reconstructor_doubt"], other["reconstructor_doubt"]
+        assert doubts[0] is None
+        assert (words is OWN) or "--reconstructor contact" in doubts[1]
+
+
+@pytest.mark.data
+def test_meshes_come_along_and_are_split_by_object(presses: Recipe, tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    (tmp_path / "parts").mkdir()
+    for size in (6.0, 9.0):
+        ball = trimesh.creation.icosphere(subdivisions=3, radius=size)
+        ball.export(tmp_path / "parts" / f"ball-{size}.stl")
+    recipe = load_recipe("objects", tmp_path / "parts")
+    recipe = replace(recipe, sequences=2, scene={**recipe.scene, **presses.scene})
     recipe = replace(recipe, draw=recipe.draw | {"object.stiffness_kpa": {"choice": [200.0]}})
     make(recipe, tmp_path / "first", shard=(1, 2))
     make(recipe, tmp_path / "second", shard=(2, 2))
@@ -134,75 +241,3 @@ def test_meshes_come_along_and_are_split_by_object(tmp_path: Path) -> None:
     assert check(tmp_path / "moved") == 2
     rows = pq.read_table(tmp_path / "moved" / TABLE).to_pylist()
     assert all((tmp_path / "moved" / "x" / row["object.mesh"]).resolve().is_file() for row in rows)
-
-
-def test_a_mesh_that_cannot_be_used_is_said_at_once(tmp_path: Path) -> None:
-    folder = _meshes(tmp_path / "parts")
-    (folder / "bad.stl").write_bytes(b"nothing")
-    with pytest.raises(UserError, match=r"bad\.stl: it has no triangles"):
-        load_recipe("objects", folder)
-
-
-REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "move of a chain": ({"scene": {}}, "draw.motion: allowed are press, grasp, slip"),
-    "traction of a chain": (
-        {"scene": {}, "draw": {}, "truth": ("traction",)},
-        "truth 'traction' needs a recipe with scene.body",
-    ),
-    "pose of a press": (
-        {"draw": {"pose.twist_deg": {"choice": [3.0]}}},
-        'draw.pose.twist_deg needs draw.motion to have "move"',
-    ),
-    "too deep": (
-        {"draw": DRAW | {"pose.press_share": {"uniform": [0.1, 0.95]}}},
-        "draw.pose.press_share reaches 0.95; 0 to 0.8 is allowed",
-    ),
-    "two bodies": (
-        {"draw": DRAW | {"body": {"choice": ["dome", "chain"]}}},
-        "draw.body: a body is not drawn",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_a_body_does_not_have_is_refused(name: str, tmp_path: Path) -> None:
-    from chromagrip.dataset.recipe import dump_recipe
-
-    changes, said = REFUSED[name]
-    path = tmp_path / "mine.toml"
-    path.write_text(dump_recipe(replace(SMALL, **changes)), "utf-8")
-    with pytest.raises(UserError) as raised:
-        load_recipe(str(path))
-    assert said in str(raised.value)
-
-
-def test_labels_that_a_body_does_not_have_are_refused_before_the_start(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="truth 'contact' needs a recipe"):
-        make(replace(load_recipe("tiny"), truth=("contact",)), tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
-def test_meshes_are_asked_for(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="give --meshes FOLDER"):
-        load_recipe("objects")
-    with pytest.raises(UserError, match="has no mesh"):
-        load_recipe("objects", tmp_path)
-    with pytest.raises(UserError, match="meshes are for a recipe with"):
-        load_recipe("tiny", tmp_path)
-
-
-def test_other_layouts_take_a_dome_too(pictured: Path, tmp_path: Path) -> None:
-    for layout in ("webdataset", "lerobot"):
-        assert export(pictured, layout, tmp_path / layout)
-    with tarfile.open(tmp_path / "webdataset" / "frames-000000.tar") as tar:
-        file = tar.extractfile("000000-002.npz")
-        assert file is not None
-        nodes = np.load(io.BytesIO(file.read()))
-    one = next(iter(load_sequences(pictured)))
-    assert np.array_equal(nodes["node_friction_y_n"], one.markers["node_friction_y_n"][2])
-    table = pq.read_table(tmp_path / "lerobot" / "data" / "chunk-000" / "file-000.parquet")
-    wrench = np.array(table["observation.wrench"].to_pylist())[: len(one.pictures)].T
-    for k, axis in enumerate("xyz"):
-        np.testing.assert_allclose(wrench[k], one.frames[f"force_{axis}_n"], rtol=1e-6)
-        torque = 1e-3 * one.frames[f"torque_{axis}_nmm"]
-        np.testing.assert_allclose(wrench[3 + k], torque, rtol=1e-6)

@@ -1,5 +1,7 @@
 """Two fingers as an environment: what is seen, what ends it, and that a seed decides every byte."""
 
+import pickle
+from functools import cache
 from typing import Any
 
 import gymnasium
@@ -26,6 +28,7 @@ COARSE = {
     "pinch.hand_times_s": [0.0, 0.2, 0.6],
     "object.size_mm": [20.0, 20.0, 16.0],
 }
+PICTURES = ("image", "markers")
 NOISY = {"truth.margin_noise": 0.02, "camera.dropped": 0.2, "camera.late": 0.2}
 
 
@@ -39,7 +42,10 @@ def rolled(env: GripEnv, forces: list[float]) -> list[Step]:
     return stepped(env, [action(force, 10.0) for force in forces])
 
 
-def to_the_end(env: GripEnv, force: float) -> list[Step]:
+@cache
+def to_the_end(force: float, **changes: Any) -> list[Step]:
+    """Steps under a constant grip, until the grasp ends."""
+    env = made({f"pinch.{key}": value for key, value in changes.items()}, observation="forces")
     env.reset(seed=0)
     steps: list[Step] = []
     while not (steps and (steps[-1][2] or steps[-1][3])):
@@ -48,25 +54,18 @@ def to_the_end(env: GripEnv, force: float) -> list[Step]:
 
 
 @pytest.mark.parametrize(
-    "observation",
-    [
-        pytest.param("forces", marks=pytest.mark.loops),  # also in test_environment.py
-        "margin",
-        "image",
-        pytest.param("markers", marks=pytest.mark.loops),
-    ],
+    "observation", ["margin", *(pytest.param(o, marks=pytest.mark.loops) for o in PICTURES)]
 )
 def test_gymnasium_finds_nothing_wrong(observation: str) -> None:
     """Warnings are errors here."""
-    check_env(made({"duration_s": 0.1}, observation=observation), skip_render_check=True)
+    check_env(made({"duration_s": 0.05}, observation=observation), skip_render_check=True)
 
 
 def test_both_fingers_carry_half_the_weight() -> None:
-    env = made(observation="forces")
-    steps = to_the_end(env, 1.5)
-    assert [step[2] for step in steps] == [False] * len(steps)
+    steps = to_the_end(1.5)
+    assert not any(step[2] for step in steps)
     shown = {name: steps[-1][0][:, k] for k, name in enumerate(FORCES)}
-    assert steps[-1][0].shape == env.observation_space.shape == (2, len(FORCES))
+    assert steps[-1][0].shape == (2, len(FORCES))
     assert shown["friction_n"].sum() == pytest.approx(WEIGHT, rel=0.03)
     assert shown["force_x_n"] == pytest.approx([WEIGHT / 2] * 2, rel=0.03)
     assert shown["normal_n"] == pytest.approx([1.5] * 2, rel=0.03)
@@ -79,7 +78,7 @@ def test_both_fingers_carry_half_the_weight() -> None:
 def test_each_fingers_margin_has_its_own_noise() -> None:
     env = made({"truth.margin_noise": 0.02, "camera.latency_frames": 0})
     env.reset(seed=2)
-    for shown, *_ in (rolled(env, [1.5])[0] for _ in range(12)):
+    for shown, *_ in (rolled(env, [1.5])[0] for _ in range(8)):
         observed = [reading.observation for reading in env._rig.readings]
         limits = [each.limit_margin for each in observed if each is not None]
         assert shown.shape == env.observation_space.shape == (2, len(MARGIN))
@@ -90,7 +89,8 @@ def test_each_fingers_margin_has_its_own_noise() -> None:
 
 
 def test_each_finger_shows_its_own_picture() -> None:
-    env = made({"camera.latency_frames": 0}, observation="image", render_mode="rgb_array")
+    options = {"observation": "image", "render_mode": "rgb_array"}
+    env = made({"camera.latency_frames": 0}, **options)
     first, _ = env.reset(seed=0)
     ((pressed, *_),) = rolled(env, [3.0])[-1:]
     view = env._rig.scene.build_sensor().view
@@ -118,72 +118,66 @@ def test_the_markers_of_both_skins_move_where_they_are_pressed() -> None:
     env.close()
 
 
-def test_two_fingers_whose_arrays_differ_are_refused() -> None:
+def test_holding_gently_pays_best_and_what_is_lost_ends_it() -> None:
+    returns = {force: sum(step[1] for step in to_the_end(force)) for force in (0.0, 1.5, 5.0)}
+    assert returns[1.5] > returns[5.0] > 0.0 > returns[0.0] == -DROP_COST
+    for force in (1.5, 5.0):
+        _, reward, terminated, truncated, info = to_the_end(force)[-1]
+        assert (terminated, truncated, info["dropped"]) == (False, True, False)
+    assert reward == pytest.approx(1.0 - 5.0 / 10.0, abs=0.01)
+    off_centre = (("centre_mm", (0.0, 6.0, 0.0)), ("turned_deg", 10.0))
+    for force, outcome, changes in (
+        (0.0, "dropped", ()),
+        (1.0, "turned", off_centre),
+        (3.0, "crushed", (("crushed_kpa", 40.0),)),
+    ):
+        _, reward, terminated, truncated, info = to_the_end(force, **dict(changes))[-1]
+        assert (reward, terminated, truncated) == (-DROP_COST, True, False)
+        assert (info["outcome"], info["dropped"]) == (outcome, outcome == "dropped")
+        assert info["time_s"] > 0.2 or outcome == "crushed"
+
+
+@pytest.mark.parametrize(
+    ("name", "observation"),
+    [
+        ("chromagrip/Grasp-v0", "image"),
+        ("chromagrip/Grasp-v0", "forces"),
+        (NAME, "forces"),
+        pytest.param(NAME, "image", marks=pytest.mark.loops),
+    ],
+)
+def test_a_restored_environment_goes_on_with_the_same_bytes(name: str, observation: str) -> None:
+    """So does one that was pickled, and one that is reset with the seed."""
+    changes = NOISY | {"camera.rest_frames": 2, "camera.latency_frames": 2, "duration_s": 0.3}
+    changes |= COARSE if name == NAME else {}
+    env: Any = gymnasium.make(name, observation=observation, changes=changes).unwrapped
+    first, then = [[action(f, 8.0) for f in fs] for fs in ((1.0, 2.0, 1.5), (1.2, 1.8, 1.0, 1.5))]
+    env.reset(seed=1)
+    stepped(env, first)
+    state, other = env.save(), pickle.loads(pickle.dumps(env))
+    straight = stepped(env, then)
+    assert same(straight, stepped(other, then))
+    stepped(env, first)
+    env.restore(state)
+    assert same(straight, stepped(env, then))
+    again, _ = env.reset()
+    env.restore(state)
+    assert (env.reset()[0] == again).all()  # the next seed is drawn as it would have been
+    for seed in (1, 2):
+        env.reset(seed=seed)
+        stepped(env, first)
+        assert same(straight, stepped(env, then)) == (seed == 1)
+    fewer: Any = gymnasium.make("chromagrip/Grasp-v0").unwrapped
+    if name == NAME:
+        with pytest.raises(UserError, match="another number of fingers"):
+            fewer.restore(state)
+    env.close()
+
+
+def test_what_does_not_fit_two_fingers_is_refused() -> None:
     scene = load_scene("pinch-lift")
     one, other = observation_of("margin", scene, None), observation_of("forces", scene, None)
     with pytest.raises(UserError, match="cannot be stacked"):
         space_of([one, other])
-
-
-def test_no_grip_drops_the_object() -> None:
-    steps = to_the_end(made(), 0.0)
-    assert [step[1] for step in steps[:-1]] == [0.0] * (len(steps) - 1)
-    _, reward, terminated, truncated, info = steps[-1]
-    assert (reward, terminated, truncated) == (-DROP_COST, True, False)
-    assert (info["dropped"], info["outcome"]) == (True, "dropped")
-    assert info["time_s"] > 0.2
-
-
-def test_holding_gently_pays_best() -> None:
-    env = made()
-    returns = {}
-    for force in (0.3, 1.5, 5.0):
-        steps = to_the_end(env, force)
-        returns[force] = sum(step[1] for step in steps)
-        assert steps[-1][4]["dropped"] == steps[-1][2] == (force == 0.3)
-        assert steps[-1][3] == (force != 0.3)
-    assert returns[1.5] > returns[5.0] > 0.0 > returns[0.3]
-    held = steps[-1]
-    assert held[1] == pytest.approx(1.0 - 5.0 / 10.0, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("changes", "force", "outcome"),
-    [
-        ({"pinch.centre_mm": [0.0, 6.0, 0.0], "pinch.turned_deg": 10.0}, 1.0, "turned"),
-        ({"pinch.crushed_kpa": 40.0}, 3.0, "crushed"),
-    ],
-)
-def test_what_is_turned_or_crushed_has_failed(
-    changes: dict[str, Any], force: float, outcome: str
-) -> None:
-    _, reward, terminated, _, info = to_the_end(made(changes), force)[-1]
-    assert (reward, terminated) == (-DROP_COST, True)
-    assert (info["outcome"], info["dropped"]) == (outcome, False)
-
-
-@pytest.mark.parametrize("observation", ["forces", "image"])
-def test_a_restored_environment_goes_on_with_the_same_bytes(observation: str) -> None:
-    env = made(NOISY | {"camera.latency_frames": 2}, observation=observation)
-    env.reset(seed=1)
-    rolled(env, [1.0, 2.0, 1.5])
-    state = env.save()
-    forces = [1.2, 1.8, 1.0] + [1.5] * (9 if observation == "forces" else 0)
-    straight = rolled(env, forces)
-    rolled(env, [3.0, 0.2])
-    env.restore(state)
-    assert same(straight, rolled(env, forces))
-    env.reset(seed=1)
-    rolled(env, [1.0, 2.0, 1.5])
-    assert same(straight, rolled(env, forces))
-    env.reset(seed=2)
-    rolled(env, [1.0, 2.0, 1.5])
-    assert not same(straight, rolled(env, forces))
-    with pytest.raises(UserError, match="another number of fingers"):
-        gymnasium.make("chromagrip/Grasp-v0").unwrapped.restore(state)  # type: ignore[attr-defined]
-    env.close()
-
-
-def test_a_limit_of_one_finger_is_refused() -> None:
     with pytest.raises(UserError, match=r"change pinch\.dropped_mm"):
         made(dropped_mm=2.0)

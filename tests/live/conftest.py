@@ -12,7 +12,7 @@ from chromagrip.scene import load_scene
 
 #: Changes of `dome-1` in the run that tests share.
 DOME_RUN = {
-    "path": "camera", "duration_s": 0.3, "camera.rate_hz": 50.0, "camera.rest_frames": 2,
+    "path": "camera", "duration_s": 0.1, "camera.rate_hz": 50.0, "camera.rest_frames": 2,
 }  # fmt: skip
 
 

@@ -82,15 +82,24 @@ def begun(made: Any) -> bool:
     return "true: Γ" in made.find_element("tag name", "body").text
 
 
+#: Whether a page of another site gets through to an address.
+REACHED = """
+const done = arguments[arguments.length - 1];
+const open = new WebSocket(arguments[0], "viser-v" + arguments[1]);
+open.onopen = () => done("open");
+open.onerror = () => done("refused");
+"""
+
+
 @pytest.mark.usefixtures("server")
-@pytest.mark.parametrize("width", [1280, 420])
-def test_sliders_change_the_grasp(width: int, port: int, browsing: Browsing) -> None:
+def test_sliders_and_a_file_change_the_grasp_on_every_page_and_after_a_reload(
+    port: int, browsing: Browsing, tmp_path: Path
+) -> None:
     # Half as high as a page is: the fingertip is drawn by the processor that also computes it.
-    with browsing(width, 450) as browser:
+    with browsing(1280, 450) as browser:
         made = browser.made
         made.get(page(port))
         until(lambda: begun(made))
-        assert made.execute_script("return document.body.scrollWidth") <= width
         type_number(made, "load [N]", 0.0)
         made.find_element(
             "xpath", '//label[text()="controller grips"]/following::input[1]'
@@ -98,39 +107,38 @@ def test_sliders_change_the_grasp(width: int, port: int, browsing: Browsing) -> 
         until(lambda: bool(field(made, "grip [N]").is_enabled()))
         type_number(made, "grip [N]", 4.0)
         until(lambda: abs(true_values(made)["normal"] - 4.0) < 0.2)
-        type_number(made, "load [N]", 1.0)
-        until(lambda: abs(true_values(made)["friction"] - 1.0) < 0.1)
-        type_number(made, "grip [N]", 2.5)
-        until(lambda: abs(true_values(made)["normal"] - 2.5) < 0.2)
-        severe = [line for line in browser.complaints() if "SEVERE" in line]
-        assert severe == []
-        assert browser.requested() == {page(port)}
-
-
-@pytest.mark.usefixtures("server")
-def test_two_pages_a_reload_and_one_that_is_closed(port: int, browsing: Browsing) -> None:
-    address = page(port)
-    with browsing(1280) as first:
-        first.made.get(address)
-        until(lambda: begun(first.made))
-        with browsing(1280) as second:
-            second.made.get(address)
+        with browsing(420, 450) as second:
+            second.made.get(page(port))
             until(lambda: begun(second.made))
-            type_number(second.made, "load [N]", 0.3)
-            until(lambda: field(first.made, "load [N]").get_attribute("value") == "0.3")
-        first.made.refresh()
-        until(lambda: begun(first.made))
-        assert field(first.made, "load [N]").get_attribute("value") == "0.3"
+            type_number(second.made, "load [N]", 1.0)
+            assert second.made.execute_script("return document.body.scrollWidth") <= 420
+        until(lambda: field(made, "load [N]").get_attribute("value") == "1")
+        until(lambda: abs(true_values(made)["friction"] - 1.0) < 0.1)
+        made.refresh()
+        until(lambda: begun(made))
+        assert field(made, "load [N]").get_attribute("value") == "1"
+        trimesh.creation.icosphere(subdivisions=3, radius=9.0).export(tmp_path / "egg.stl")
+        before = time_shown(made)
+        folded = made.find_element("xpath", '//*[contains(text(), "starts the grasp again")]')
+        made.execute_script("arguments[0].click()", folded)
+        taken = made.find_element("css selector", 'input[type="file"]')
+        taken.send_keys(str(tmp_path / "egg.stl"))
+        until(lambda: time_shown(made) < before)  # another object starts the grasp again
+        assert [line for line in browser.complaints() if "SEVERE" in line] == []
+        assert browser.requested() == {page(port)}
+        made.get(f"http://127.0.0.1:{port}/")
+        assert "needs the token" in made.find_element("tag name", "body").text
+        made.get("data:text/html,<p>another site")
+        version = importlib.metadata.version("viser")
+        for path in ("", TOKEN):
+            url = f"ws://127.0.0.1:{port}/{path}"
+            assert made.execute_async_script(REACHED, url, version) == "refused"
 
 
-@pytest.mark.parametrize("word", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_a_server_that_ends_frees_its_port(
-    word: signal.Signals, server: subprocess.Popen[str], port: int
-) -> None:
+def test_a_server_that_ends_frees_its_port(server: subprocess.Popen[str], port: int) -> None:
     time.sleep(2.0)
-    server.send_signal(word)
-    ended = server.wait(timeout=20.0)
-    assert ended in (130, 143, -signal.SIGKILL)
+    server.send_signal(signal.SIGTERM)
+    assert server.wait(timeout=20.0) == 128 + signal.SIGTERM
     with socket.socket() as again:
         again.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         again.bind(("127.0.0.1", port))
@@ -151,15 +159,7 @@ def test_the_keyboard_alone_suffices(port: int, browsing: Browsing) -> None:
         for _ in range(30):
             made.switch_to.active_element.send_keys(Keys.TAB)
             reached.add(made.execute_script(FOCUSED))
-        wanted = {
-            "load [N]",
-            "twist [N mm]",
-            "controller grips",
-            "pause",
-            "step",
-            "restart",
-            "record",
-        }
+        wanted = {"load [N]", "twist [N mm]", "controller grips", "pause", "step", "record"}
         assert wanted <= reached, reached
         before = time_shown(made)
         press(made, "step")
@@ -191,63 +191,12 @@ def time_shown(made: Any) -> float:
     return float(found[1])
 
 
-@pytest.mark.usefixtures("server")
-def test_a_file_and_a_recording_through_the_page(
-    port: int, browsing: Browsing, tmp_path: Path
-) -> None:
-    (tmp_path / "flat.stl").write_text("solid flat\nendsolid flat\n")
-    trimesh.creation.icosphere(subdivisions=3, radius=9.0).export(tmp_path / "egg.stl")
-    with browsing(1280) as browser:
-        made = browser.made
-        made.get(page(port))
-        until(lambda: begun(made))
-        body = made.find_element("tag name", "body")
-        press(made, "record")
-        until(lambda: "recording into" in body.text)
-        folded = made.find_element("xpath", '//*[contains(text(), "starts the grasp again")]')
-        made.execute_script("arguments[0].click()", folded)
-        taken = made.find_element("css selector", 'input[type="file"]')
-        taken.send_keys(str(tmp_path / "flat.stl"))
-        until(lambda: "Refused: " in body.text and "flat.stl" in body.text)
-        assert begun(made)
-        made.find_element("css selector", 'input[type="file"]').send_keys(str(tmp_path / "egg.stl"))
-        until(lambda: "recorded" in body.text or "recording into" in body.text)
-        until(lambda: (tmp_path / "kept/001/report.html").is_file())
-        until(lambda: time_shown(made) < 5.0)
-        assert "Refused" not in body.text
-
-
-def test_a_token_lets_a_browser_in_and_keeps_the_others_out(
-    port: int, browsing: Browsing, tmp_path: Path
-) -> None:
-    with serving(port, tmp_path, *SCENE, "--host", "0.0.0.0") as (_, address):
-        token = address.rpartition("/")[2]
-        with browsing(1280) as browser:
-            made = browser.made
-            made.get(f"http://127.0.0.1:{port}/")
-            assert "needs the token" in made.find_element("tag name", "body").text
-            made.get(f"http://127.0.0.1:{port}/{token}")
-            until(lambda: begun(made))
-            made.get("data:text/html,<p>another site")
-            script = """
-                const done = arguments[arguments.length - 1];
-                const open = new WebSocket(arguments[0], "viser-v" + arguments[1]);
-                open.onopen = () => done("open");
-                open.onerror = () => done("refused");
-            """
-            for path in ("", token):
-                url = f"ws://127.0.0.1:{port}/{path}"
-                version = importlib.metadata.version("viser")
-                assert made.execute_async_script(script, url, version) == "refused"
-
-
-@pytest.mark.parametrize("width", [1280, 420])
-def test_a_finished_run(width: int, port: int, browsing: Browsing, tmp_path: Path) -> None:
+def test_a_finished_run(port: int, browsing: Browsing, tmp_path: Path) -> None:
     from chromagrip import load_scene, run
 
     scene = load_scene("camera-100hz", {"path": "truth", "duration_s": 0.5})
     run(scene, tmp_path / "done")
-    with serving(port, tmp_path, "--run", str(tmp_path / "done")), browsing(width) as browser:
+    with serving(port, tmp_path, "--run", str(tmp_path / "done")), browsing(420) as browser:
         made = browser.made
         made.get(page(port))
         body = made.find_element("tag name", "body")
@@ -257,6 +206,6 @@ def test_a_finished_run(width: int, port: int, browsing: Browsing, tmp_path: Pat
         until(lambda: time_shown(made) == 0.2)
         press(made, "step")
         until(lambda: time_shown(made) == 0.21)
-        assert made.execute_script("return document.body.scrollWidth") <= width
+        assert made.execute_script("return document.body.scrollWidth") <= 420
         assert [line for line in browser.complaints() if "SEVERE" in line] == []
         assert browser.requested() == {page(port)}

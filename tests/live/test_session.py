@@ -1,48 +1,59 @@
 """A live grasp follows its sliders, and refuses what makes no scene with a sentence."""
 
+import csv
+import json
 import math
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
+import trimesh
 
 from chromagrip import UserError, load_scene
 from chromagrip.live import session as module
-from chromagrip.live.record import Recorder
+from chromagrip.live.record import FROM, Recorder
 from chromagrip.live.serve import check_port
 from chromagrip.live.session import Session, Shown
 from chromagrip.live.sliders import OBJECTS, SliderValues, scene_for, slider_values
+from chromagrip.loop.results.run_folder import read_run
 from chromagrip.loop.rig import Rig
 from chromagrip.scene.scene import Scene
 
+TRUTH = {"path": "truth"}
 DOME = {"path": "truth", "camera.rate_hz": 50.0, "fingertip.step_ms": 10.0}
+Until = Callable[..., None]
 
 
 class Watched:
     """What a session shows and tells."""
 
-    def __init__(self) -> None:
+    def __init__(self, folder: Path) -> None:
         self.shown: list[Shown] = []
         self.told: list[str] = []
         self.kept: list[str] = []
+        self.recorder = Recorder(folder, self.kept.append)
 
 
 @contextmanager
-def live(scene: Scene) -> Iterator[tuple[Session, Watched]]:
-    watched = Watched()
-    recorder = Recorder(Path("runs"), watched.kept.append)
-    with Session(scene, watched.shown.append, watched.told.append, recorder) as session:
+def live(
+    scene: Scene, folder: Path = Path("runs"), record: bool = False
+) -> Iterator[tuple[Session, Watched]]:
+    """A session; `record` is whether it records from the start."""
+    watched = Watched(folder)
+    watched.recorder.wanted = record
+    with Session(scene, watched.shown.append, watched.told.append, watched.recorder) as session:
         yield session, watched
 
 
-def until(watched: Watched, count: int) -> Shown:
+def later(watched: Watched, count: int) -> Shown:
     """Frame after so many more."""
     wanted = len(watched.shown) + count
     for _ in range(2000):
@@ -52,15 +63,15 @@ def until(watched: Watched, count: int) -> Shown:
     raise AssertionError(f"{len(watched.shown)} of {wanted} frames; told {watched.told}")
 
 
-@pytest.mark.parametrize("name", ["camera-100hz", "dome-1"])
+@pytest.mark.parametrize("name", ["camera-100hz", pytest.param("dome-1", marks=pytest.mark.loops)])
 def test_more_grip_presses_more(name: str) -> None:
     changes = DOME if name == "dome-1" else {"path": "truth"}
     with live(load_scene(name, changes)) as (session, watched):
-        until(watched, 2)
+        later(watched, 2)
         session.ask(replace(session.sliders, automatic=False, grip=1.0, load=0.0))
-        weak = until(watched, 60).sample.field.total_normal
+        weak = later(watched, 60).sample.field.total_normal
         session.ask(replace(session.sliders, grip=3.0))
-        strong = until(watched, 60).sample.field.total_normal
+        strong = later(watched, 60).sample.field.total_normal
     assert weak == pytest.approx(1.0, rel=0.05)
     assert strong == pytest.approx(3.0, rel=0.05)
 
@@ -68,103 +79,103 @@ def test_more_grip_presses_more(name: str) -> None:
 @pytest.mark.loops
 def test_load_twist_and_azimuth_of_a_dome() -> None:
     with live(load_scene("dome-1", DOME)) as (session, watched):
-        until(watched, 2)
+        later(watched, 2)
         pulled = replace(session.sliders, automatic=False, grip=4.0, load=0.5, azimuth=90.0)
         session.ask(replace(pulled, twist=0.0))
-        sideways = until(watched, 80).sample
+        sideways = later(watched, 80).sample
         session.ask(replace(pulled, twist=3.0))
-        twisted = until(watched, 80).sample
+        twisted = later(watched, 80).sample
     pull = sideways.field.friction.sum(axis=0)
     assert abs(pull[1]) == pytest.approx(0.5, rel=0.1)
     assert abs(pull[0]) < 0.05
     assert twisted.contact.turn > sideways.contact.turn + np.radians(0.5)
 
 
-def test_slippery_objects_have_less_margin() -> None:
-    with live(load_scene("camera-100hz", {"path": "truth"})) as (session, watched):
-        until(watched, 2)
+def test_slippery_objects_have_less_margin_and_a_restart_begins_at_time_0() -> None:
+    with live(load_scene("camera-100hz", TRUTH)) as (session, watched):
+        later(watched, 2)
         held = replace(session.sliders, automatic=False, grip=2.0, load=0.4, friction=0.9)
         session.ask(held)
-        rough = until(watched, 60).sample
+        rough = later(watched, 60).sample
         session.ask(replace(held, friction=0.4))
-        smooth = until(watched, 60).sample
+        smooth = later(watched, 60).sample
+        before = len(watched.shown)
+        session.ask(replace(held, latency=3))
+        later(watched, 3)
+        assert watched.shown[-1].scene.camera.latency_frames == 3
+        times = [one.sample.time for one in watched.shown[before:]]
     assert rough.friction == pytest.approx(0.9)
     assert rough.field.safety_margin(0.9) > smooth.field.safety_margin(0.4) + 0.2
+    assert min(times) == 0.0
+    assert times[-1] < 1.0
 
 
-def test_what_restarts_begins_at_time_0() -> None:
-    with live(load_scene("camera-100hz", {"path": "truth"})) as (session, watched):
-        until(watched, 10)
-        session.ask(replace(session.sliders, latency=3))
-        until(watched, 3)
-        assert watched.shown[-1].scene.camera.latency_frames == 3
-        assert watched.shown[-1].sample.time < watched.shown[9].sample.time + 1.0
-        times = [one.sample.time for one in watched.shown]
-    assert min(times[5:]) == 0.0
+def test_wishes_are_checked_like_a_file() -> None:
+    for name in ("camera-100hz", "dome-1"):
+        base = load_scene(name, {"path": "truth"})
+        keys = ("load", "friction", "stiffness", "noise", "latency")
+        dome = ("azimuth", "twist", "tilt") if name == "dome-1" else ()
+        for key, value in product(keys + dome, (math.nan, math.inf, 1e308, -1.0)):
+            turned = key == "azimuth" and math.isfinite(value)  # any number of turns
+            if turned or (value == -1.0 and key in ("load", "twist", "tilt")):
+                continue
+            with pytest.raises(UserError):
+                scene_for(base, replace(slider_values(base), **{key: value}))
+    base = load_scene("dome-1", {"path": "truth", "object.radius_mm": 9.0})
+    for name in OBJECTS:
+        scene_for(base, replace(slider_values(base), object=name)).build_solid()
+    pulled = replace(slider_values(base), load=0.5, azimuth=30.0, twist=3.0)
+    load = scene_for(base, pulled).load
+    assert load.forces_n == pytest.approx((0.5 * math.cos(math.pi / 6),))
+    assert load.sideways_n == pytest.approx((0.25,))
+    assert load.twists_nmm == pytest.approx((3.0,))
+    # Nothing is left of the object before.
+    boxed = scene_for(base, replace(slider_values(base), object="box"))
+    again = scene_for(boxed, replace(slider_values(base), object="torus"))
+    assert (again.object.shape, again.object.rounding_mm) == ("torus", 0.0)
+    with pytest.raises(UserError, match="one finger"):
+        scene_for(load_scene("pinch-lift"), slider_values(base))
 
 
-@pytest.mark.parametrize("name", ["camera-100hz", "dome-1"])
-@pytest.mark.parametrize("value", [math.nan, math.inf, 1e308, -1e308, -1.0])
-def test_wishes_are_checked_like_a_file(name: str, value: float) -> None:
-    base = load_scene(name, {"path": "truth"})
-    keys = ("load", "friction", "stiffness", "noise", "latency")
-    dome = ("azimuth", "twist", "tilt") if name == "dome-1" else ()
-    for key in keys + dome:
-        turned = key == "azimuth" and math.isfinite(value)  # any number of turns
-        if turned or (value == -1.0 and key in ("load", "twist", "tilt")):
-            continue
-        with pytest.raises(UserError):
-            scene_for(base, replace(slider_values(base), **{key: value}))
-
-
-@pytest.mark.parametrize(
-    ("bad", "sentence"),
-    [
-        ({"controller": "nobody"}, "nobody"),
-        ({"latency": 3}, "the grasp failed (AttributeError: "),
-    ],
-)
 def test_what_breaks_a_grasp_is_told_and_the_next_one_goes_on(
-    bad: dict[str, Any], sentence: str, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def broken(base: Scene, sliders: SliderValues) -> Scene:
         return scene_for(base, sliders) if sliders.latency != 3 else base.nothing  # type: ignore[attr-defined]
 
     monkeypatch.setattr(module, "scene_for", broken)
-    with live(load_scene("camera-100hz", {"path": "truth"})) as (session, watched):
-        until(watched, 2)
+    with live(load_scene("camera-100hz", TRUTH)) as (session, watched):
+        later(watched, 2)
         good = session.sliders
-        session.ask(replace(good, **bad))
-        for _ in range(200):
-            if watched.told and watched.told[-1]:
-                break
-            time.sleep(0.02)
-        assert sentence in watched.told[-1]
-        session.ask(replace(good, controller="conservative"))
-        until(watched, 3)
-        session.check()
-    assert watched.told[-1] == ""
+        bads: list[tuple[dict[str, Any], str]] = [
+            ({"controller": "nobody"}, "nobody"),
+            ({"latency": 3}, "the grasp failed (AttributeError: "),
+        ]
+        for bad, sentence in bads:
+            session.ask(replace(good, **bad))
+            for _ in range(200):
+                if watched.told and watched.told[-1]:
+                    break
+                time.sleep(0.02)
+            assert sentence in watched.told[-1]
+            session.ask(replace(good, controller="conservative"))
+            later(watched, 3)
+            session.check()
+            assert watched.told[-1] == ""
 
 
 def test_a_pause_stands_and_a_step_is_one_frame() -> None:
-    with live(load_scene("camera-100hz", {"path": "truth"})) as (session, watched):
-        until(watched, 3)
+    with live(load_scene("camera-100hz", TRUTH)) as (session, watched):
+        later(watched, 3)
         session.paused = True
         time.sleep(0.2)
         standing = len(watched.shown)
         time.sleep(0.2)
         assert len(watched.shown) == standing
         session.step_once()
-        until(watched, 1)
+        later(watched, 1)
         time.sleep(0.2)
         assert len(watched.shown) == standing + 1
-
-
-@pytest.mark.parametrize("name", list(OBJECTS))
-def test_every_object_of_the_page_makes_a_scene(name: str) -> None:
-    base = load_scene("dome-1", {"path": "truth"})
-    scene = scene_for(base, replace(slider_values(base), object=name))
-    scene.build_solid()
 
 
 def test_a_port_in_use_is_a_sentence() -> None:
@@ -173,12 +184,6 @@ def test_a_port_in_use_is_a_sentence() -> None:
         taken.listen()
         with pytest.raises(UserError, match=r"port \d+ cannot be used: .*; choose another"):
             check_port("127.0.0.1", taken.getsockname()[1])
-
-
-def test_a_pinch_is_refused() -> None:
-    pinch = load_scene("pinch-lift")
-    with pytest.raises(UserError, match="one finger"):
-        scene_for(pinch, slider_values(load_scene("dome-1")))
 
 
 @pytest.mark.parametrize("name", ["camera-100hz", "dome-1"])
@@ -214,3 +219,89 @@ def test_what_cannot_change_is_refused() -> None:
     turned = msgspec.structs.replace(scene.load, twists_nmm=(0.0, 1.0, 1.0))
     with pytest.raises(UserError, match="cannot move along rz"):
         rig.change(msgspec.structs.replace(scene, load=turned))
+
+
+def test_a_recording_is_a_run_with_its_sliders_as_steps(tmp_path: Path, until: Until) -> None:
+    with live(load_scene("dome-1", DOME), tmp_path / "kept") as (session, watched):
+        session.ask(replace(session.sliders, automatic=False, grip=3.0, load=0.2, twist=0.0))
+        later(watched, 30)
+        watched.recorder.wanted = True
+        later(watched, 20)
+        session.ask(replace(session.sliders, load=0.5, twist=2.0, friction=0.7))
+        later(watched, 20)
+        watched.recorder.wanted = False
+        until(lambda: watched.kept[-1].startswith("recorded"))
+    folder = tmp_path / "kept/001"
+    run = read_run(folder)
+    names = {"figure.png", "report.html", "scene.toml", "sliders.csv", "summary.json"}
+    assert {f.name for f in folder.iterdir()} == names | {"tactile.mp4", "trace.parquet"}
+    of = run.columns
+    assert of["time_s"][0] == 0.0
+    np.testing.assert_allclose(np.diff(of["time_s"]), 0.02, atol=1e-9)
+    by_time = {one.sample.time: one.sample for one in watched.shown}
+    begin = run.summary[FROM]
+    last = by_time[min(by_time, key=lambda t: abs(t - begin - of["time_s"][-1]))]
+    assert of["normal_true_n"][-1] == pytest.approx(last.field.total_normal, rel=1e-9)
+    assert run.summary["complete"]
+    assert run.scene.load.forces_n == pytest.approx((0.2, 0.5))
+    assert run.scene.load.twists_nmm == pytest.approx((0.0, 2.0), abs=1e-6)
+    assert run.scene.object.frictions == (0.5, 0.7)
+    step = np.flatnonzero(np.diff(of["mu_true"]) > 0.1)[0]
+    assert of["time_s"][step + 1] == pytest.approx(run.scene.load.times_s[1], abs=0.021)
+    with (folder / "sliders.csv").open() as file:
+        sliders = list(csv.DictReader(file))
+    assert [float(line["load"]) for line in sliders] == [0.2, 0.5]
+    assert sliders[0]["grip"] == "3.0"
+
+
+@pytest.mark.loops
+def test_a_server_that_stops_leaves_the_recording_whole(tmp_path: Path) -> None:
+    with live(load_scene("camera-100hz", TRUTH), tmp_path, record=True) as (_, watched):
+        later(watched, 42)
+    run = read_run(tmp_path / "001")
+    assert len(run.columns["time_s"]) >= 40
+    assert not (tmp_path / "001/.parts").exists()
+
+
+def test_a_moment_is_no_recording(tmp_path: Path, until: Until) -> None:
+    with live(load_scene("camera-100hz", TRUTH), tmp_path, record=True) as (session, watched):
+        later(watched, 3)
+        session.paused = True
+        watched.recorder.wanted = False
+        until(lambda: len(watched.kept) > 1)
+    assert "too short" in watched.kept[-1]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_where_no_folder_can_be_the_grasp_goes_on(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with live(load_scene("camera-100hz", TRUTH), tmp_path / "file", record=True) as (_, watched):
+        later(watched, 10)
+    assert watched.kept[-1].startswith("**not recorded:**")
+    assert not watched.recorder.wanted
+
+
+@pytest.mark.loops
+def test_another_grasp_ends_the_recording(tmp_path: Path) -> None:
+    with live(load_scene("camera-100hz", TRUTH), tmp_path, record=True) as (session, watched):
+        later(watched, 40)
+        session.ask(replace(session.sliders, latency=3))
+        later(watched, 60)
+    latencies = [read_run(tmp_path / name).scene.camera.latency_frames for name in ("001", "002")]
+    assert latencies == [1, 3]
+
+
+@pytest.mark.loops
+def test_a_mesh_is_kept_beside_its_recording(tmp_path: Path) -> None:
+    mesh = tmp_path / "dropped.stl"
+    trimesh.creation.icosphere(subdivisions=3, radius=9.0).export(mesh)
+    base = load_scene("dome-1", DOME)
+    scene = scene_for(base, replace(slider_values(base), object=str(mesh)))
+    with live(scene, tmp_path / "kept", record=True) as (_, watched):
+        later(watched, 20)
+    mesh.unlink()
+    folder = (tmp_path / "kept").rename(tmp_path / "moved") / "001"
+    run = read_run(folder)
+    assert Path(run.scene.object.mesh) == folder / "object.stl"
+    summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
+    assert summary[FROM] == 0.0

@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-import os
 import signal
 import subprocess
 import sys
@@ -18,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from chromagrip import UserError, load_scene, run
-from chromagrip.control import GripCommand, GripObservation
+from chromagrip.control import GripCommand, GripObservation, SafetyMarginControl
 from chromagrip.output.time_limit import NoAnswerError, TimeLimit
 
 QUICK = {"path": "truth", "duration_s": 0.2}
@@ -46,48 +45,43 @@ class Raises(Silent):
         return super().command(observation)
 
 
-def kept(folder: Path) -> tuple[int, bool]:
-    """Rows of the trace, and whether the run was complete."""
-    summary = json.loads((folder / "summary.json").read_text())
-    return len(pq.read_table(folder / "trace.parquet")), summary["complete"]
-
-
-def test_a_controller_that_never_answers_is_left_behind(tmp_path: Path) -> None:
-    scene = load_scene("camera-100hz", QUICK)
-    words = (
-        r"^controller .*test_faults:Silent did not answer within 0\.2 s at t = 0\.05 s, sample 5; "
-        r"the grip stays at 1\.04 N$"
-    )
+@pytest.mark.parametrize(
+    ("controller", "words"),
+    [
+        (Silent(), "did not answer within 0.2 s at t = 0.05 s, sample 5; the"),
+        (
+            Raises(),
+            "failed at t = 0.05 s, sample 5: OSError: the line is down .*test_faults.py, .*",
+        ),
+    ],
+)
+def test_the_grip_stays_where_a_controller_fails(
+    controller: Silent, words: str, tmp_path: Path
+) -> None:
+    scene, name = load_scene("camera-100hz", QUICK), type(controller).__name__
+    out = tmp_path if name == "Silent" else None
     begin = time.monotonic()
-    with pytest.raises(UserError, match=words):
-        run(scene, tmp_path, controller=Silent(), answer_within_s=0.2)
+    with pytest.raises(UserError, match=rf":{name} {words} grip stays at 1\.04 N$") as caught:
+        run(scene, out, controller=controller, answer_within_s=0.2)
     assert time.monotonic() - begin < 15.0
-    assert kept(tmp_path) == (6, False)
-
-
-def test_the_grip_that_stays_is_named(tmp_path: Path) -> None:
-    scene = load_scene("camera-100hz", QUICK)
-    words = r"Raises failed at t = 0\.05 s, sample 5: OSError: the line is down \(.*\); the grip "
-    with pytest.raises(UserError, match=words + r"stays at 1\.04 N$") as caught:
-        run(scene, tmp_path, controller=Raises())
-    assert "test_faults.py, line" in str(caught.value)  # also from another thread
-    assert isinstance(caught.value.__cause__, OSError)
-    assert kept(tmp_path) == (6, False)
+    assert isinstance(caught.value.__cause__, OSError) == (name == "Raises")
+    if out is not None:  # the trace until then is kept
+        assert not json.loads((out / "summary.json").read_text())["complete"]
+        times = pq.read_table(out / "trace.parquet")["time_s"].to_pylist()
+        assert times == pytest.approx([0.01 * k for k in range(6)])
 
 
 def test_a_limit_changes_no_answer() -> None:
-    class Proportional(Silent):
-        def command(self, observation: GripObservation) -> GripCommand:
-            return GripCommand(force=0.5 + 3.0 * observation.field.total_friction)
-
     scene = load_scene("camera-100hz", QUICK)
+    controller = SafetyMarginControl(scene.safety_margin)
     free, limited = (
-        run(scene, controller=Proportional(), answer_within_s=limit).trace["grip_n"].tobytes()
+        run(scene, controller=controller, answer_within_s=limit).trace["grip_n"].tobytes()
         for limit in (math.inf, 5.0)
     )
     assert free == limited
-    with pytest.raises(UserError, match="answer_within_s = nan must be above 0"):
-        run(scene, answer_within_s=math.nan)
+    for limit in (math.nan, -1.0):
+        with pytest.raises(UserError, match=r"answer_within_s = .* must be above 0; inf is no lim"):
+            run(scene, answer_within_s=limit)
 
 
 def test_what_was_late_once_is_not_asked_again() -> None:
@@ -95,10 +89,9 @@ def test_what_was_late_once_is_not_asked_again() -> None:
     assert limit.call(divmod, 7, 3) == (2, 1)
     with pytest.raises(ZeroDivisionError):
         limit.call(divmod, 7, 0)
-    with pytest.raises(NoAnswerError):
-        limit.call(done.wait, 10.0)
-    with pytest.raises(NoAnswerError):
-        limit.call(divmod, 7, 3)  # whose answer would be taken for the one before
+    for call in ((done.wait, 10.0), (divmod, 7, 3)):  # whose answer would be that of the first
+        with pytest.raises(NoAnswerError):
+            limit.call(*call)
     done.set()
 
 
@@ -111,69 +104,44 @@ def test_the_command_line_has_the_limit(typed: Typed, monkeypatch: pytest.Monkey
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("chromagrip: controller silent:Silent did not answer within 0.2")
     assert done.stderr.count("\n") == 1
-    done = typed(*line, "--answer-within", "0")
-    assert "--answer-within 0.0: expected more than 0" in done.stderr
 
 
-SLOW = """
-import time
-from chromagrip.control import GripCommand
+#: A run that is killed without warning after eight frames.
+KILLED = """
+import os, signal
+from chromagrip import load_scene, run
 
-class Slow:
-    def reset(self): pass
-    def command(self, observation):
-        time.sleep(0.02)
-        return GripCommand(force=2.0)
+def kill(done, _):
+    if done == 8:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+changes = {"path": "truth", "controller": "conservative", "conservative.force_n": 2.0}
+run(load_scene("SCENE", changes), "run", frames="png", progress=kill)
 """
 
 
-@pytest.fixture(scope="module", params=["camera-100hz", "pinch-lift"])
-def killed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where a run was killed without warning after some frames, of one finger and of two."""
-    folder = tmp_path_factory.mktemp("killed")
-    (folder / "slow.py").write_text(SLOW, encoding="utf-8")
-    words = ["grasp", "--scene", request.param, "--path", "truth", "--controller", "slow:Slow"]
-    words += ["--frames", "png", "--set", "duration_s=600", "--set", "camera.rate_hz=100"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "chromagrip", *words, "--out", "run"],
-        cwd=folder,
-        stderr=subprocess.DEVNULL,
-    )
-    lines = folder / "run/.parts/trace.csv"
-    try:
-        for _ in range(1200):
-            if lines.exists() and lines.read_text().count("\n") > 5:
-                break
-            time.sleep(0.05)
-        else:
-            raise AssertionError("no frame within a minute")
-    finally:
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait()
-    return folder
-
-
+@pytest.mark.loops
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
-def test_a_run_that_is_killed_leaves_its_trace(killed: Path) -> None:
-    parts = killed / "run/.parts"
-    with (parts / "trace.csv").open(encoding="utf-8") as file:
+@pytest.mark.parametrize("scene", ["camera-100hz", "pinch-lift"])
+def test_a_run_that_is_killed_leaves_its_trace(scene: str, tmp_path: Path) -> None:
+    """The next run says so, and may overwrite it."""
+    script = KILLED.replace("SCENE", scene)
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=False)
+    assert done.returncode == -signal.SIGKILL
+    folder, period = tmp_path / "run", load_scene(scene).period
+    with (folder / ".parts/trace.csv").open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if None not in row.values()]
-    assert [float(row["time_s"]) for row in rows] == [0.01 * k for k in range(len(rows))]
+    assert [float(row["time_s"]) for row in rows] == pytest.approx([period * k for k in range(8)])
     assert float(rows[-1]["grip_n"]) == 2.0
-    listed = list((parts / "frames").rglob("frames.csv"))
-    assert len(listed) == (2 if "first_mu_true" in rows[0] else 1)
+    listed = list((folder / ".parts/frames").rglob("frames.csv"))
+    assert len(listed) == (2 if scene == "pinch-lift" else 1)
     for path in listed:
-        assert len(list(path.parent.glob("frame-*.png"))) >= len(rows) - 1
-    names = {path.name for path in (killed / "run").iterdir()}
-    assert names == {"scene.toml", ".parts", ".lock"}  # nothing that looks whole
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
-def test_the_next_run_says_so(killed: Path) -> None:
-    scene = load_scene("camera-100hz", QUICK)
+        assert len(list(path.parent.glob("frame-*.png"))) >= 7
+    # Nothing looks whole.
+    assert {path.name for path in folder.iterdir()} == {"scene.toml", ".parts", ".lock"}
+    quick = load_scene("camera-100hz", QUICK)
     words = "holds a run that was killed; its trace until then is .*trace.csv; choose another"
     with pytest.raises(UserError, match=words):
-        run(scene, killed / "run")
-    run(scene, killed / "run", overwrite=True)
-    assert not (killed / "run/.parts").exists()
-    assert kept(killed / "run") == (21, True)
+        run(quick, folder)
+    run(quick, folder, overwrite=True)
+    assert not (folder / ".parts").exists()

@@ -9,6 +9,7 @@ PAGE = Path(__file__).parents[2] / "docs/environments.md"
 EXAMPLES = dict(re.findall(r"^```python\n# (\w+\.py)\n(.*?)^```$", PAGE.read_text(), re.M | re.S))
 
 
+@pytest.mark.loops
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_example(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

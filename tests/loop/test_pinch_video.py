@@ -1,6 +1,8 @@
 """The video of a pinch: what is where in its pictures, and how many there are."""
 
+import json
 import math
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 
 import chromagrip
-from chromagrip import load_scene
+from chromagrip import UserError, load_scene
 from chromagrip.loop.pinch.course_plot import BAND, OTHER, SEEN, TRUTH, CoursePlot, Courses
 from chromagrip.loop.pinch.stage import FINGER_COLOURS, Stage, draw_along, draw_side
 from chromagrip.loop.pinch.stage import set_stage as stage_of
@@ -19,31 +21,23 @@ from chromagrip.loop.pinch.world import Pinched
 from chromagrip.loop.results.dome_picture import FIRST_TOP, TractionPicture
 from chromagrip.loop.rig import Rig
 from chromagrip.loop.run import run
+from chromagrip.loop.run_files import FILES
 from chromagrip.loop.sample import Sample, Truth
 from chromagrip.model.pinch import rotation_by
+
+from .test_pinch import COARSE
 
 #: Angle of the view downwards [rad], and colour of the object's upper half, RGB.
 ABOVE = 0.3
 UPPER = (250, 214, 130)
-#: A light box and coarse domes.
-COARSE = {
-    "path": "truth",
-    "sensor": "thesis",
-    "controller": "conservative",
-    "conservative.force_n": 1.5,
-    "dome.pitch_mm": 0.8,
-    "duration_s": 0.7,
-    "pinch.mass_g": 50.0,
-    "pinch.hand_times_s": [0.0, 0.2, 0.6],
-    "object.size_mm": [20.0, 20.0, 16.0],
-}
+HELD = {"controller": "conservative", "conservative.force_n": 1.5, "duration_s": 0.7}
 #: Turn of the hand at the last knot of the path.
 TILTED = {"pinch.hand_turns_deg": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 60.0, 0.0]]}
 
 
 def scene(**changes: Any) -> chromagrip.Scene:
     keys = {key.replace("__", "."): value for key, value in changes.items()}
-    return load_scene("pinch-lift", {**COARSE, **keys})
+    return load_scene("pinch-lift", {**COARSE, **HELD, **keys})
 
 
 def untouched(its: chromagrip.Scene) -> tuple[Stage, Pinched]:
@@ -81,22 +75,15 @@ def test_what_is_lifted_moves_up_by_its_way() -> None:
     assert before[:, 1].mean() == pytest.approx(after[:, 1].mean(), abs=1.0)
 
 
-@pytest.mark.parametrize(
-    "changes", [{}, TILTED, {"pinch.hand_mm": [[0, 0, 0], [0, 0, 0], [-80, 0, 30]]}]
-)
-def test_the_whole_path_is_in_the_picture(changes: dict[str, Any]) -> None:
-    stage, start = untouched(scene(**changes))
-    for time in (0.0, 0.3, 0.4, 0.7):
-        picture = draw_side(stage, at(start, time))
-        edges = (picture[0], picture[-1], picture[:, 0], picture[:, -1])
-        assert all((edge == 255).all() for edge in edges), time
-
-
 def test_the_first_finger_is_at_the_left_and_a_tilt_lowers_the_second() -> None:
+    """The whole path is in the picture."""
     stage, start = untouched(scene(**TILTED))
+    pictures = [draw_side(stage, at(start, time)) for time in (0.0, 0.4, 0.7)]
+    for picture in pictures:
+        edges = (picture[0], picture[-1], picture[:, 0], picture[:, -1])
+        assert all((edge == 255).all() for edge in edges)
     level, tilted = (
-        [hue(draw_side(stage, at(start, t)), each).mean(axis=0) for each in FINGER_COLOURS]
-        for t in (0.0, 0.7)
+        [hue(picture, each).mean(axis=0) for each in FINGER_COLOURS] for picture in pictures[::2]
     )
     assert level[0][1] < level[1][1] - 50
     assert level[0][0] == pytest.approx(level[1][0], abs=2.0)
@@ -119,14 +106,9 @@ def courses(**last: float) -> Courses:
     """Five frames with one margin and grip, the last of them as given."""
     made = Courses()
     made.times.extend(0.1 * k for k in range(5))
-    values = {
-        "margin_true": 0.8,
-        "margin_estimated": 0.7,
-        "limit_margin_true": 0.5,
-        "limit_margin_estimated": 0.4,
-        "limit_margin_low": 0.3,
-        "limit_margin_high": 0.6,
-    }
+    values = {f"{name}_true": value for name, value in (("margin", 0.8), ("limit_margin", 0.5))}
+    values |= {"margin_estimated": 0.7, "limit_margin_estimated": 0.4}
+    values |= {"limit_margin_low": 0.3, "limit_margin_high": 0.6}
     for finger in made.margins:
         for name, value in values.items():
             finger[name].extend([value] * 4 + [last.get(name, value)])
@@ -138,12 +120,12 @@ def courses(**last: float) -> Courses:
 def test_the_interval_is_drawn_from_end_to_end_and_no_further() -> None:
     plot = CoursePlot((1280, 224), 1.0, 0.1, "estimated")
     picture = plot.draw(courses())
+    assert plot.panels[2].high == 5.0
     for panel in plot.panels[:2]:
         low, high = panel.pixels(np.full(2, 0.15), np.array([0.3, 0.6]))
         column = round(float(low[0]))
         rows = exact(picture[:, column : column + 1], BAND)[:, 0]
-        assert rows.min() == pytest.approx(high[1], abs=1.6)
-        assert rows.max() == pytest.approx(low[1], abs=1.6)
+        assert (rows.min(), rows.max()) == pytest.approx((high[1], low[1]), abs=1.6)
         for value, colour in ((0.8, TRUTH), (0.7, SEEN), (0.5, TRUTH), (0.4, SEEN)):
             row = round(float(panel.pixels(np.zeros(1), np.array([value]))[0, 1]))
             near = picture[row - 1 : row + 2, column].astype(int)
@@ -152,21 +134,11 @@ def test_the_interval_is_drawn_from_end_to_end_and_no_further() -> None:
         assert not len(exact(picture[:, after : round(panel.right)], BAND))
         desired = round(float(panel.pixels(np.zeros(1), np.array([0.1]))[0, 1]))
         assert (exact(picture, OTHER)[:, 0] == desired).sum() > 100
-
-
-def test_what_is_not_known_is_a_gap() -> None:
-    plot = CoursePlot((1280, 224), 1.0, 0.1, "estimated")
-    picture = plot.draw(courses(limit_margin_low=math.nan, limit_margin_high=math.nan))
-    panel = plot.panels[0]
+    # What is not known is a gap, and the axis of force grows with the grip.
+    unknown = {"limit_margin_low": math.nan, "limit_margin_high": math.nan}
+    picture, panel = plot.draw(courses(grip_n=14.0, **unknown)), plot.panels[0]
     columns = exact(picture[:, : round(panel.right)], BAND)[:, 1]
     assert columns.max() == pytest.approx(panel.pixels(np.array([0.3]), np.zeros(1))[0, 0], abs=1.6)
-
-
-def test_the_axis_of_force_grows_with_the_grip() -> None:
-    plot = CoursePlot((1280, 224), 1.0, 0.3, "true")
-    plot.draw(courses())
-    assert plot.panels[2].high == 5.0
-    plot.draw(courses(grip_n=14.0))
     assert plot.panels[2].high == 20.0
 
 
@@ -174,27 +146,24 @@ def test_the_axis_of_force_grows_with_the_grip() -> None:
 def gripped() -> Sample:
     rig = Rig(scene(duration_s=0.3))
     rig.reset()
-    while not rig.done:
+    for _ in range(8):
         rig.step(1.5)
     return rig.sample(1.5)
 
 
-@pytest.mark.parametrize(("axis", "column", "sign"), [(0, 0, 1.0), (1, 1, -1.0)])
-def test_a_traction_has_x_downwards_and_y_to_the_left(
-    gripped: Sample, tmp_path: Path, axis: int, column: int, sign: float
-) -> None:
-    def half(k: int) -> Any:
+def test_a_traction_has_x_downwards_and_y_to_the_left(gripped: Sample, tmp_path: Path) -> None:
+    def half(k: int, axis: int) -> Any:
         contact = gripped.pinch.fingers[k]
         side = contact.field.position[:, axis] > 0.5e-3
         return replace(contact, field=replace(contact.field, contact=contact.field.contact & side))
 
-    video = PinchVideo(tmp_path / "video.mp4", scene())
-    sample = replace(gripped, truth=Truth(now=replace(gripped.pinch, fingers=(half(0), half(1)))))
-    for picture in video._draw_tractions(sample):
-        blue = np.argwhere(picture[..., 2].astype(int) - picture[..., 0] > 40)
-        assert len(blue) > 20
-        assert sign * (blue[:, column].mean() - 0.5 * SIDE) > 5.0
-    video.close()
+    with closing(PinchVideo(tmp_path / "video.mp4", scene())) as video:
+        for axis, column, sign in ((0, 0, 1.0), (1, 1, -1.0)):
+            now = replace(gripped.pinch, fingers=(half(0, axis), half(1, axis)))
+            for picture in video._draw_tractions(replace(gripped, truth=Truth(now=now))):
+                blue = np.argwhere(picture[..., 2].astype(int) - picture[..., 0] > 40)
+                assert len(blue) > 20
+                assert sign * (blue[:, column].mean() - 0.5 * SIDE) > 5.0
 
 
 def test_a_camera_has_x_downwards_and_y_to_the_left() -> None:
@@ -212,41 +181,40 @@ def pictures(path: Path) -> list[np.ndarray]:
 
 @pytest.mark.loops
 def test_a_run_has_a_picture_of_each_instant_of_the_video(tmp_path: Path) -> None:
-    run(scene(duration_s=0.2), tmp_path / "slow")
-    shown = pictures(tmp_path / "slow" / "tactile.mp4")
-    assert len(shown) == 13  # all frames at 60 Hz
-    assert shown[0].shape == (HEIGHT, WIDTH, 3)
+    for rate, duration, count in ((200.0, 0.1, 11), (60.0, 0.2, 13)):  # at most 100 a second
+        its = scene(duration_s=duration, camera__rate_hz=rate)
+        trace = run(its, tmp_path, overwrite=True).trace
+        shown = pictures(tmp_path / "tactile.mp4")
+        assert len(shown) == count
+        assert shown[0].shape == (HEIGHT, WIDTH, 3)
+    # It changes nothing.
+    assert run(its).trace["object_x_mm"].tobytes() == trace["object_x_mm"].tobytes()
     # The camera's picture is that of the rig, though the controller saw none.
-    rig = Rig(scene(duration_s=0.2))
-    rig.reset()
-    camera = _upright(rig.pictures()[0].image).astype(int)
+    with closing(Rig(its)) as rig:
+        rig.reset()
+        camera = _upright(rig.pictures()[0].image).astype(int)
     drawn = shown[0][32 : 32 + SIDE, :SIDE].astype(int)
     assert abs(drawn - camera)[20:].mean() < 6.0
-    rig.close()
 
 
 @pytest.mark.loops
-def test_a_fast_camera_has_a_hundred_pictures_a_second(tmp_path: Path) -> None:
-    run(scene(duration_s=0.1, camera__rate_hz=200.0), tmp_path / "fast")
-    assert len(pictures(tmp_path / "fast" / "tactile.mp4")) == 11
-
-
 def test_an_interrupted_run_keeps_its_video(tmp_path: Path) -> None:
+    """And all else that a run leaves."""
+
     def stop(done: int, _: int) -> None:
-        if done == 5:
+        if done == 3:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run(scene(), tmp_path / "run", progress=stop)
-    assert len(pictures(tmp_path / "run" / "tactile.mp4")) == 5
-    assert not (tmp_path / "run" / ".parts").exists()
-
-
-def test_pictures_change_nothing(tmp_path: Path) -> None:
-    with_video = run(scene(duration_s=0.2), tmp_path / "run").trace
-    without = run(scene(duration_s=0.2)).trace
-    assert with_video["grip_n"].tobytes() == without["grip_n"].tobytes()
-    assert with_video["object_x_mm"].tobytes() == without["object_x_mm"].tobytes()
+        run(scene(), tmp_path, progress=stop)
+    assert len(pictures(tmp_path / "tactile.mp4")) == 3
+    assert {path.name for path in tmp_path.iterdir()} == set(FILES)
+    written = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert (written["complete"], written["frames"]) == (False, 3)
+    assert written["final_grip_n"] == 1.5
+    assert load_scene(str(tmp_path / "scene.toml")) == scene()
+    with pytest.raises(UserError, match="not empty"):
+        run(scene(), tmp_path)
 
 
 def test_the_scale_of_pressure_starts_high_and_never_falls(gripped: Sample) -> None:
@@ -267,10 +235,9 @@ def test_a_missing_estimate_is_not_drawn_as_no_force(gripped: Sample, tmp_path: 
         for each in gripped.readings
         if each.observation is not None
     ]
-    video = PinchVideo(tmp_path / "video.mp4", scene())
-    video._camera = True  # the readings are drawn, on the dome of the truth
-    for readings, written in ((gripped.readings, False), (tuple(silent), True)):
-        for picture in video._draw_tractions(replace(gripped, readings=readings)):
-            line = picture[22:38, :100].astype(int)  # below the name
-            assert ((line[..., 0] - line[..., 1]).max() > 100) == written
-    video.close()
+    with closing(PinchVideo(tmp_path / "video.mp4", scene())) as video:
+        video._camera = True  # the readings are drawn, on the dome of the truth
+        for readings, written in ((gripped.readings, False), (tuple(silent), True)):
+            for picture in video._draw_tractions(replace(gripped, readings=readings)):
+                line = picture[22:38, :100].astype(int)  # below the name
+                assert ((line[..., 0] - line[..., 1]).max() > 100) == written

@@ -1,9 +1,9 @@
 """`chromagrip render`: what it leaves in its folder, and how it fails."""
 
 import json
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import cv2
 import numpy as np
@@ -14,7 +14,11 @@ from scipy.spatial import KDTree
 from chromagrip import UserError, load_scene
 from chromagrip.loop.poses.folder import render_poses
 from chromagrip.loop.poses.poses import ARRAYS, Pose, settle
+from chromagrip.model import State
 from chromagrip.render import load_camera, load_sensor
+from chromagrip.sensing.sensor import open_camera
+
+Typed = Callable[..., CompletedProcess[str]]
 
 
 @pytest.fixture(scope="module")
@@ -64,17 +68,6 @@ def test_the_truth_fits_the_picture(sweep: Path) -> None:
     assert forces.sum() == pytest.approx(3.0, rel=0.01)
 
 
-@pytest.mark.loops
-def test_the_same_seed_gives_the_same_bytes(sweep: Path, tmp_path: Path) -> None:
-    scene = load_scene(str(sweep / "scene.toml"))
-    render_poses(scene, [Pose(grip=1.0), Pose(grip=3.0, load=0.9)], tmp_path / "again")
-    for name in ("image-000.png", "image-001.png", "rest.png"):
-        assert (read(sweep / name) == read(tmp_path / "again" / name)).all()
-    other = load_scene(str(sweep / "scene.toml"), {"seed": 1})
-    render_poses(other, [Pose(grip=1.0)], tmp_path / "other")
-    assert (read(sweep / "image-000.png") != read(tmp_path / "other" / "image-000.png")).any()
-
-
 def test_a_scene_names_its_sensor_beside_itself(tmp_path: Path) -> None:
     """And what a run leaves can be run again from anywhere."""
     design = Path(__file__).parents[2] / "render" / "designs" / "thesis.toml"
@@ -89,6 +82,7 @@ def test_a_scene_names_its_sensor_beside_itself(tmp_path: Path) -> None:
     assert again.build_sensor().half_sizes[0] == pytest.approx(0.2e-3)
 
 
+@pytest.mark.loops
 def test_an_interrupted_sweep_does_not_look_whole(tmp_path: Path) -> None:
     def stop(done: int, total: int) -> None:
         if done == 1:
@@ -96,7 +90,7 @@ def test_an_interrupted_sweep_does_not_look_whole(tmp_path: Path) -> None:
 
     out = tmp_path / "cut"
     with pytest.raises(KeyboardInterrupt):
-        render_poses(load_scene("camera-100hz"), [Pose(grip=1.0), Pose(grip=2.0)], out, False, stop)
+        render_poses(load_scene("camera-100hz"), [Pose(grip=1.0)] * 2, out, False, stop)
     assert (out / "image-000.png").exists()
     assert not (out / "poses.json").exists()
 
@@ -126,9 +120,8 @@ def test_poses_that_cannot_be_are_refused(sensor: str, pose: Pose, words: str) -
         settle(load_scene("camera-100hz", {"sensor": sensor}), pose)
 
 
-def test_from_the_command_line(
-    tmp_path: Path, typed: Callable[..., subprocess.CompletedProcess[str]]
-) -> None:
+@pytest.mark.loops
+def test_from_the_command_line(tmp_path: Path, typed: Typed) -> None:
     out = tmp_path / "pad"
     done = typed("render", "--sensor", "flat-2019", "--press-mm", "0.5", "1", "--out", out)
     assert done.returncode == 0, done.stderr
@@ -141,28 +134,16 @@ def test_from_the_command_line(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["render", "--sensor", "gelsight"], "no sensor design 'gelsight'; there is"),
         (["render", "--grip", "-1"], "--grip -1 N: expected 0 or more"),
-        (["render", "--load", "nan"], "--load nan N: expected a finite number"),
-        (["render", "--set", "defects.jpeg_quality=200"], "defects.jpeg_quality = 200: expected"),
-        (
-            ["render", "--set", "defects.dirt=2"],
-            "unknown key defects.dirt; allowed here",
-        ),
         (
             ["grasp", "thesis", "--set", "sensor=flat-2019", "--json"],
-            "is a flat pad; the node model",
+            "is a flat pad; the node",
         ),
-        (
-            ["grasp", "camera-100hz", "--set", "defects.missing_markers=0.6", "--json"],
-            "the sensor has 400",
-        ),
+        (["grasp", "--set", "defects.missing_markers=0.6", "--json"], "the sensor has"),
         (["calibrate", "camera", "nowhere"], "image nowhere cannot be read"),
     ],
 )
-def test_errors_are_one_sentence_and_exit_code_2(
-    words: list[str], told: str, typed: Callable[..., subprocess.CompletedProcess[str]]
-) -> None:
+def test_errors_are_one_sentence_and_exit_code_2(words: list[str], told: str, typed: Typed) -> None:
     done = typed(*words)
     assert done.returncode == 2
     assert told in done.stderr
@@ -171,9 +152,6 @@ def test_errors_are_one_sentence_and_exit_code_2(
 
 def test_motion_blur_is_seen_in_a_grasp_and_not_at_rest() -> None:
     """Frames of a moving skin are means over the open shutter; a still one is as sharp as ever."""
-    from chromagrip.model import State
-    from chromagrip.sensing.sensor import open_camera
-
     scene = load_scene("camera-100hz", {"defects.motion_blur": 1.0, "camera.noise_levels": 0.0})
     sharp = load_scene("camera-100hz", {"camera.noise_levels": 0.0})
     states: list[State] = [settle(scene, Pose(grip=3.0, load=f))[0] for f in (0.0, 1.2)]
@@ -187,9 +165,8 @@ def test_motion_blur_is_seen_in_a_grasp_and_not_at_rest() -> None:
     assert (frames[0][2] == frames[1][2]).all()
 
 
-def test_its_folder_can_be_tracked(
-    sweep: Path, tmp_path: Path, typed: Callable[..., subprocess.CompletedProcess[str]]
-) -> None:
+@pytest.mark.loops
+def test_its_folder_can_be_tracked(sweep: Path, tmp_path: Path, typed: Typed) -> None:
     """Each image is a frame, and nothing else is; markers are where the truth has them."""
     done = typed("track", sweep / "rest.png", sweep, "--out", tmp_path / "tracks")
     assert done.returncode == 0, done.stderr

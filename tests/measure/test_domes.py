@@ -1,6 +1,5 @@
 """Pictures of domes for estimators: grips, specimens and scores are what they say."""
 
-import itertools
 import json
 import math
 from dataclasses import replace
@@ -12,28 +11,15 @@ import pytest
 from msgspec import structs
 from scipy.spatial.transform import Rotation
 
-from chromagrip.errors import UserError
 from chromagrip.measure.bench.force_dome import report_of
-from chromagrip.measure.engine import measure
-from chromagrip.measure.study import Asked
-from chromagrip.measure.worlds.dome import readings, scenes
-from chromagrip.measure.worlds.dome.across import WORLDS, across_scene, random_grasp
 from chromagrip.measure.worlds.dome.elements import CASES, ElementField, presses
 from chromagrip.measure.worlds.dome.grips import MARGINS, SMOOTH, UNLIKE, Grip, random_grip, turned
 from chromagrip.measure.worlds.dome.readings import UNITS, Reading, constant, read, scores
 from chromagrip.measure.worlds.dome.scenes import Watched, watch
-from chromagrip.measure.worlds.dome.sets import (
-    DESIGNS,
-    NEXT,
-    DomeResult,
-    counts_of,
-    joined,
-    readers_of,
-)
+from chromagrip.measure.worlds.dome.sets import DESIGNS, NEXT, DomeResult, joined
 from chromagrip.measure.worlds.dome.specimens import (
     OFF,
     SPECIMENS,
-    Specimen,
     calibrated,
     calibration_file,
     matched,
@@ -41,7 +27,7 @@ from chromagrip.measure.worlds.dome.specimens import (
     signs,
 )
 from chromagrip.measure.worlds.force_scores import Answers
-from chromagrip.model import Dome, DomeState, ForceField, Solid, dome_forces, simulate_contact
+from chromagrip.model import ForceField, Solid, simulate_contact
 from chromagrip.model.dome import MarkerField, press_and_move
 from chromagrip.model.shapes import plane
 from chromagrip.render import Defects
@@ -71,7 +57,7 @@ def test_a_grip_is_loaded_to_its_margins(kind: str) -> None:
     assert set(UNLIKE).isdisjoint(SMOOTH)
 
 
-@pytest.mark.parametrize("kind", SMOOTH)
+@pytest.mark.parametrize("kind", SMOOTH[:2])
 def test_an_object_is_turned_about_the_axis_and_not_loaded(kind: str) -> None:
     rng = np.random.default_rng(7)
     grip = turned(rng, random_grip(rng, matched("chromatouch-next").dome, kind, 3.0))
@@ -113,38 +99,6 @@ def test_a_mismatched_specimen_is_off_by_what_is_said() -> None:
     assert shift == pytest.approx([0.5 * up["centre_x_px"], 0.5 * up["centre_y_px"]])
 
 
-def test_both_layers_are_off_where_both_are_soft() -> None:
-    nominal = matched("chromatouch-next").sensor.depths
-    moved = [1e3 * (mismatched("chromatouch-next", k).sensor.depths - nominal) for k in range(8)]
-    assert abs(np.array(moved)) == pytest.approx(np.full((8, 2), 0.05))
-    # Each layer is off up and down, and not always as the other.
-    assert np.sum(moved, axis=0) == pytest.approx([0.0, 0.0])
-    assert np.prod(moved, axis=1).sum() == pytest.approx(0.0)
-
-
-@pytest.mark.parametrize("name", [*DESIGNS, NEXT])
-def test_mismatched_scenes_are_of_all_specimens_and_pairs(
-    monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    made = [mismatched(name, k) for k in range(SPECIMENS)]
-    monkeypatch.setattr(scenes, "mismatched", lambda _, k: made[k])
-    monkeypatch.setattr(scenes, "watch", lambda *given: given)
-    read = calibrated(name)
-    taken = [scenes.scene(name, scenes.CALIBRATED, k) for k in range(4 * len(read))]
-    pairs = {(made.index(s), label) for _, s, _, _, label in taken}
-    assert pairs == set(itertools.product(read, SMOOTH))
-    for place, (known, specimen, *rest) in enumerate(taken[: len(read)]):
-        which = read[place]
-        assert specimen is made[which]
-        assert known == load_calibration(str(calibration_file(name, which)))
-        assert known.sensor != sensor_as_designed(name).sensor
-        assert known.stiffness_deviation < 0.04
-        nominal, same, *also = scenes.scene(name, scenes.NOMINAL, place)
-        assert nominal == sensor_as_designed(name)
-        assert same is specimen
-        assert rest[1:] == also[1:]
-
-
 @pytest.mark.parametrize("name", [*DESIGNS, NEXT])
 def test_calibrations_are_nearer_to_the_specimens_than_the_design(name: str) -> None:
     design, off = silicone_of(sensor_as_designed(name)), []
@@ -160,41 +114,15 @@ def test_calibrations_are_nearer_to_the_specimens_than_the_design(name: str) -> 
 # ---- pictures ----
 
 
-def coarse_grip() -> tuple[Specimen, Grip]:
-    """A flat object on a coarse dome without defects, loaded to one margin."""
-    made = matched("dome-2020")
-    coarse = replace(
-        made,
-        dome=replace(made.dome, pitch=2e-3, reach=math.radians(40.0)),
-        sensor=structs.replace(made.sensor, defects=Defects()),
-    )
-    grip = Grip(
-        solid=Solid(shape=plane(), friction=0.6),
-        pose=np.zeros(6),
-        lean=np.zeros(3),
-        normal=3.0,
-        azimuth=2.0,
-        margins=(0.4,),
-    )
-    return coarse, grip
-
-
 @pytest.fixture(scope="module")
 def watched() -> Watched:
-    """Pictures of that grip."""
-    return watch(sensor_as_designed("dome-2020"), *coarse_grip(), 1)
-
-
-def test_frames_in_which_nothing_touches_are_not_scored(monkeypatch: pytest.MonkeyPatch) -> None:
-    def forces(dome: Dome, state: DomeState, whole: bool = True) -> ForceField:
-        field = dome_forces(dome, state, whole)
-        slid = state.time > 0.5
-        return replace(field, contact=np.zeros_like(field.contact)) if slid else field
-
-    monkeypatch.setattr(scenes, "dome_forces", forces)
-    found = watch(sensor_as_designed("dome-2020"), *coarse_grip(), 1)
-    assert len(found.scored) == len(found.true) == len(found.side) == 1
-    assert found.true[0, 0] == pytest.approx(3.0, rel=0.01)
+    """Pictures of a flat object on a coarse dome without defects, loaded to one margin."""
+    made, solid = matched("dome-2020"), Solid(shape=plane(), friction=0.6)
+    dome = replace(made.dome, pitch=2e-3, reach=math.radians(40.0))
+    coarse = replace(made, dome=dome, sensor=structs.replace(made.sensor, defects=Defects()))
+    zeros = {"pose": np.zeros(6), "lean": np.zeros(3)}
+    grip = Grip(solid=solid, **zeros, normal=3.0, azimuth=2.0, margins=(0.4,))
+    return watch(sensor_as_designed("dome-2020"), coarse, grip, 1)
 
 
 def test_true_forces_are_grip_and_load(watched: Watched) -> None:
@@ -206,30 +134,15 @@ def test_true_forces_are_grip_and_load(watched: Watched) -> None:
     assert len(watched.tracks) == watched.scored[-1] + 1
 
 
-def test_markers_in_the_pictures_move_with_the_load(watched: Watched) -> None:
-    pressed, loaded = (watched.tracks[k] for k in watched.scored)
-    both = pressed.visible[0] & loaded.visible[0]
-    middle = watched.rest.position[0] - np.array([143.5, 143.5])
-    near = both & (np.linalg.norm(middle, axis=1) < 45.0)
-    moved = (loaded.position - pressed.position)[0, near].mean(axis=0)
-    assert near.sum() > 4
-    assert math.atan2(moved[1], moved[0]) == pytest.approx(2.0, abs=0.2)
-    still = (watched.tracks[1].position - watched.rest.position)[0, near]
-    assert np.linalg.norm(moved) > 5.0 * np.linalg.norm(still.mean(axis=0))
-
-
 def test_a_rolled_camera_turns_the_markers_about_its_axis() -> None:
-    made = matched("dome-2020")
-    forces = np.zeros((1, 3))
-
     def field(places: np.ndarray, _forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros((*places.shape[:2], 3)), np.zeros((*places.shape[:2], 3, 2))
 
-    turned = [
-        replace(made, roll=roll).camera(1, field).membrane(forces) for roll in (0.0, math.pi / 2)
-    ]
-    x, y, z = np.moveaxis(turned[0].centres, -1, 0)
-    assert np.allclose(turned[1].centres, np.stack([-y, x, z], axis=-1), equal_nan=True)
+    made, forces = matched("dome-2020"), np.zeros((1, 3))
+    cameras = [replace(made, roll=roll).camera(1, field) for roll in (0.0, math.pi / 2)]
+    straight, rolled = (camera.membrane(forces).centres for camera in cameras)
+    x, y, z = np.moveaxis(straight, -1, 0)
+    assert np.allclose(rolled, np.stack([-y, x, z], axis=-1), equal_nan=True)
 
 
 # ---- finite elements ----
@@ -287,8 +200,7 @@ class Counting:
     def __init__(self, _calibration: object, _rest: Tracks) -> None:
         self.given.clear()
 
-    def reset(self) -> None:
-        pass
+    def reset(self) -> None: ...
 
     def update(self, tracks: Tracks) -> ForceField:
         self.given.append(tracks.time)
@@ -304,43 +216,22 @@ class Counting:
         )
 
 
-def _frames(watched: Watched, count: int) -> Watched:
-    tracks = [replace(watched.rest, time=float(k)) for k in range(count)]
-    true = np.array([[2.0, 0.5, 0.5, 0.5]] * 2)
-    return replace(
-        watched, tracks=tracks, scored=(6, 7), true=true, side=np.array([[0.3, -0.4, 0.0]] * 2)
-    )
-
-
 def test_a_scene_is_read_in_order_and_refusals_are_flags(watched: Watched) -> None:
-    few = _frames(watched, 8)
-    reading = read(Counting, few)
+    tracks = [replace(watched.rest, time=float(k)) for k in range(8)]
+    true, side = np.array([[2.0, 0.5, 0.5, 0.5]] * 2), np.array([[0.3, -0.4, 0.0]] * 2)
+    reading = read(Counting, replace(watched, tracks=tracks, scored=(6, 7), true=true, side=side))
     assert Counting.given == list(range(8))
     assert list(reading.answers.flagged) == [False, True]
     assert reading.answers.value[0, :2] == pytest.approx([2.0, 0.5])
     assert reading.side[0] == pytest.approx([0.3, -0.4, 0.0])
-    found = scores(reading, few.true, few.side)
-    assert found["flagged"] == 50.0
-    assert found["normal_share"] == pytest.approx(0.0)
-    assert found["side_share"] == pytest.approx(0.0)
-
-
-def test_who_is_late_is_given_scored_frames_alone(
-    watched: Watched, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(readings, "_PATIENCE", -1.0)
-    reading = read(Counting, _frames(watched, 8))
-    assert Counting.given == [6.0, 7.0]
-    assert reading.late.all()
+    found = scores(reading, true, side)
+    assert (found["flagged"], found["normal_share"]) == (50.0, pytest.approx(0.0))
 
 
 def _reading(value: np.ndarray, half: np.ndarray, side: np.ndarray) -> Reading:
+    flagged, interval = np.zeros(len(value), np.bool_), np.stack([value - half, value + half], -1)
     return Reading(
-        answers=Answers(
-            value=value,
-            interval=np.stack([value - half, value + half], axis=-1),
-            flagged=np.zeros(len(value), np.bool_),
-        ),
+        answers=Answers(value=value, interval=interval, flagged=flagged),
         side=side,
         spent=np.array([0.01, 0.02, 0.04]),
         each=np.array([*[0.01] * 97, 0.02, 0.04, 0.1]),
@@ -387,52 +278,22 @@ def _result(off: float, names: tuple[str, ...]) -> DomeResult:
 
 def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
     sets = {
-        ("dome-2020", "mismatched"): joined(
-            [_result(0.0, ("contact",)), _result(0.0, ("contact",))]
-        ),
+        ("dome-2020", "mismatched"): joined([_result(0.0, ("contact",))] * 2),
         ("dome-2022", "mismatched"): _result(0.07, ("contact",)),
         ("dome-2022", "mismatched-nominal"): _result(0.07, ("contact",)),
-        (NEXT, "mismatched"): _result(0.01, ("contact",)),
         ("thesis", "chain"): _result(0.5, ("sequential", "contact")),
         ("thesis", "soft"): _result(0.01, ("contact",)),
     }
     report = report_of(sets)
-    rows = {row.name: row for row in report.rows}
-    assert rows["dome/dome-2020/mismatched/normal_share"].met is True
-    assert rows["dome/dome-2022/mismatched/normal_share"].met is False
-    assert rows["dome/dome-2022/mismatched/side_share"].met is False
-    assert rows["dome/dome-2022/mismatched/normal_narrow"].met is False
-    assert rows["dome/dome-2020/mismatched/constant/normal_share"].target is None
-    assert rows["dome/dome-2022/mismatched-nominal/normal_share"].target is None
-    assert rows["dome/chromatouch-next/mismatched/normal_share"].met is True
-    assert rows["dome/dome-2020/mismatched/normal_share"].note == "a constant answer passes"
-    assert rows["dome/thesis/chain/sequential/normal_share"].value == pytest.approx(50.0)
-    assert rows["dome/thesis/soft/contact/normal_share"].met is True
-    assert rows["dome/thesis/chain/contact/normal_share"].target is None
-    assert rows["dome/dome-2020/mismatched/frames"].value == 6
+    rows = {row.name.removeprefix("dome/"): row for row in report.rows}
+    assert rows["dome-2020/mismatched/normal_share"].met is True
+    assert rows["dome-2020/mismatched/normal_share"].note == "a constant answer passes"
+    for score in ("normal_share", "side_share", "normal_narrow"):
+        assert rows[f"dome-2022/mismatched/{score}"].met is False
+    assert rows["thesis/soft/contact/normal_share"].met is True
+    for name in ("dome-2020/mismatched/constant", "dome-2022/mismatched-nominal",
+                 "thesis/chain/contact"):  # fmt: skip
+        assert rows[f"{name}/normal_share"].target is None
+    assert rows["thesis/chain/sequential/normal_share"].value == pytest.approx(50.0)
+    assert rows["dome-2020/mismatched/frames"].value == 6
     assert [line[0] for line in report.tables[-1].lines] == ["constant", "sequential", "contact"]
-
-
-def test_groups_of_the_world_are_chosen() -> None:
-    assert counts_of(False, ["across"]).keys() == {("thesis", world) for world in WORLDS}
-    found = counts_of(False, ["mismatched"])
-    assert found == {(name, "mismatched"): 16 for name in DESIGNS} | {(NEXT, "mismatched"): 4}
-    assert counts_of(False, ["turned"]) == {(NEXT, "turned"): 4}
-    assert counts_of(True, ["light"]) == {("dome-2020", "light"): 1}
-    assert counts_of(True, ["soft"]) == {("thesis", "soft"): 1}
-    assert readers_of("thesis", "soft") == ("contact",)
-    assert readers_of("thesis", "dome") == ("sequential", "contact")
-    assert readers_of("dome-2020", "matched") == ("contact",)
-    with pytest.raises(UserError, match="has no group 'roll'; there is matched"):
-        measure("bench", "force", Asked(world="dome", only=("roll",)))
-
-
-@pytest.mark.studies
-@pytest.mark.parametrize("world", WORLDS)
-def test_worlds_draw_the_same_grasps(world: str) -> None:
-    found = across_scene(world, 0)
-    if world != "elements":
-        grasped = random_grasp(0)
-        assert found.true[:, 0] == pytest.approx(np.full(4, grasped.drive.normal[-1]), rel=0.03)
-        assert found.true[1:, 3] == pytest.approx(MARGINS, abs=0.06)
-    assert len(found.tracks) > found.scored[-1]

@@ -1,7 +1,6 @@
 """Scores of anybody's tracks, against truths that are known in closed form."""
 
 import json
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from subprocess import CompletedProcess
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from chromagrip.errors import UserError
@@ -69,6 +68,7 @@ def test_the_truth_itself_has_no_error_under_any_numbers() -> None:
     assert np.isnan(scores["bound"])
 
 
+@settings(max_examples=10)
 @given(deviation=st.floats(0.01, 0.4), dx=st.floats(-0.5, 0.5))
 def test_noise_and_offset_are_found_as_large_as_they_are(deviation: float, dx: float) -> None:
     true = moving()
@@ -107,19 +107,6 @@ def test_tap_vids_scores_are_those_of_its_definition() -> None:
     assert scores["jaccard"] == pytest.approx(100.0 * 3 / 5)
 
 
-def test_a_constant_answer_is_bad() -> None:
-    true = moving()
-    constant = replace(true, position=np.repeat(true.position[:1], FRAMES, axis=0))
-    scores = score(constant, Truth(points=true)).scores
-    assert scores["p95"] > 5.0
-    assert scores["jaccard"] < 80.0
-
-
-def test_points_of_another_scene_are_refused() -> None:
-    with pytest.raises(UserError, match="none of the tracked points is where"):
-        score(off(moving(), [500.0, 0.0]), Truth(points=moving()))
-
-
 def table(points: Points, words: tuple[str, ...] = WORDS) -> pd.DataFrame:
     frame, point = np.divmod(np.arange(points.visible.size), len(points.names))
     numbers = np.array([number for _, number in points.names])[point]
@@ -127,56 +114,43 @@ def table(points: Points, words: tuple[str, ...] = WORDS) -> pd.DataFrame:
     return pd.DataFrame(dict(zip(words, columns, strict=True)))
 
 
-def write_csv(path: Path, points: Points, words: tuple[str, ...] = WORDS) -> Path:
-    table(points, words)[points.visible.ravel()].to_csv(path, index=False)
-    return path
-
-
-def write_parquet(path: Path, points: Points) -> Path:
-    table(points).assign(visible=points.visible.ravel()).to_parquet(path)
-    return path
-
-
-def write_tap(path: Path, points: Points) -> Path:
-    tracks = np.nan_to_num(np.swapaxes(points.position, 0, 1))
-    np.savez(path, tracks=tracks, visibles=points.visible.T)
+def write(path: Path, points: Points, words: tuple[str, ...] = WORDS) -> Path:
+    """Write a table or arrays, by the file's ending."""
+    rows = table(points, words)
+    if path.suffix == ".csv":
+        rows[points.visible.ravel()].to_csv(path, index=False)
+    elif path.suffix == ".parquet":
+        rows.assign(visible=points.visible.ravel()).to_parquet(path)
+    else:
+        tracks = np.nan_to_num(np.swapaxes(points.position, 0, 1))
+        np.savez(path, tracks=tracks, visibles=points.visible.T)
     return path
 
 
 def test_every_format_says_the_same(tmp_path: Path) -> None:
     visible = np.random.default_rng(5).random((FRAMES, COUNT)) > 0.1
     points = seen(moving(), visible)
-    files = [
-        write_csv(tmp_path / "a.csv", points, ("frame", "track", "x", "y")),
-        write_csv(tmp_path / "b.csv", points),
-        write_parquet(tmp_path / "c.parquet", points),
-        write_tap(tmp_path / "d.npz", points),
-    ]
-    for file in files:
+    write(tmp_path / "other.csv", points, ("frame", "track", "x", "y"))
+    for name in ("a.csv", "c.parquet", "d.npz"):
+        write(tmp_path / name, points)
+    for file in tmp_path.iterdir():
         found = read_points(file)
         assert (found.visible == points.visible).all()
         np.testing.assert_allclose(found.position, points.position)
 
 
-@pytest.mark.parametrize("mark", ["", "\ufeff"], ids=["plain", "bom"])
-@pytest.mark.parametrize("case", [str, str.upper, str.title])
+@pytest.mark.parametrize(("mark", "case"), [("", str), ("\ufeff", str.upper)])
 def test_tables_of_other_programs_are_read(
     tmp_path: Path, mark: str, case: Callable[[str], str]
 ) -> None:
     """With trackpy's columns and index, and TrackMate's with three more rows of names and units."""
     points = seen(moving(), np.random.default_rng(8).random((FRAMES, COUNT)) > 0.1)
-    rows = [
-        (k, number, *points.position[k, number])
-        for k, number in np.argwhere(points.visible).tolist()
-    ]
+    rows = [(k, n, *points.position[k, n]) for k, n in np.argwhere(points.visible).tolist()]
     trackpy = [",".join(map(case, ("", "y", "x", "mass", "frame", "particle")))]
     trackpy += [f"{i},{y},{x},41.5,{k},{n}.0" for i, (k, n, x, y) in enumerate(rows)]
-    trackmate = [
-        ",".join(map(case, ("label", "id", "track_id", "position_x", "position_y", "frame"))),
-        "Label,Spot ID,Track ID,X,Y,Frame",
-        "Label,Spot ID,Track ID,X,Y,Frame",
-        ",,,(pixel),(pixel),",
-    ]
+    columns = ("label", "id", "track_id", "position_x", "position_y", "frame")
+    trackmate = [",".join(map(case, columns)), *["Label,Spot ID,Track ID,X,Y,Frame"] * 2]
+    trackmate += [",,,(pixel),(pixel),"]
     trackmate += [f"ID{i},{i},{n},{x},{y},{k}" for i, (k, n, x, y) in enumerate(rows)]
     trackmate += ["ID900,900,,3.5,4.5,0", "ID901,901,None,3.5,4.5,0"]  # spots in no track
     bare = [trackmate[0], *trackmate[4:]]  # of a script that writes one row of names
@@ -194,79 +168,24 @@ def test_tables_of_other_programs_are_read(
     assert (read_points(tmp_path / "tap.npz").visible == points.visible).all()
 
 
-def counted_from(points: Points, first: int) -> Points:
-    """The same points with frames of larger numbers."""
-    return Points(
-        names=points.names,
-        position=np.concatenate([np.full((first, COUNT, 2), np.nan), points.position]),
-        visible=np.concatenate([np.zeros((first, COUNT), dtype=bool), points.visible]),
-    )
-
-
-def test_frames_that_are_all_shifted_by_one_are_named() -> None:
-    true = moving()
-    noise = 0.05 * np.random.default_rng(9).standard_normal(true.position.shape)
-    mine = off(true, noise)
-    still = replace(true, position=np.repeat(true.position[:1], FRAMES, axis=0))
-    lossy = seen(mine, np.random.default_rng(10).random((FRAMES, COUNT)) > 0.5)
-    for tracked, truth, told in (
-        (counted_from(lossy, 1), true, "counted from one less, "),
-        (counted_from(still, 1), still, "counted from one less"),
-        (off(true, -2.0), true, "counted from one less"),  # a frame late
-        (lossy, true, None),
-        (still, true, None),
-        (still, still, None),
-        (replace(mine, names=[("", k + 1) for k in range(COUNT)]), true, None),  # any numbers
-    ):
-        doubt = score(tracked, Truth(points=truth)).doubt
-        assert (told in doubt) if told else not doubt, (told, doubt)
-
-
-def test_shifted_frames_are_said_at_the_terminal_and_in_the_files(
-    tmp_path: Path, typed: Typed
-) -> None:
-    truth = write_csv(tmp_path / "truth.csv", moving())
-    mine = write_csv(tmp_path / "mine.csv", counted_from(moving(), 1))
-    out = tmp_path / "out"
-    told = "mine, truth.csv: the frames seem to be shifted by one"
-    assert told in typed("score", mine, truth, "--out", out).stdout
-    assert told in (out / "leaderboard.html").read_text(encoding="utf-8")
-    (found,) = json.loads((out / "scores.json").read_text(encoding="utf-8"))["tracks"]
-    assert "counted from one less" in found["doubts"]["truth.csv"]
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "told"),
-    [
+def test_what_are_no_tracks_is_refused(tmp_path: Path) -> None:
+    for name, text, told in (
         ("a.txt", "", "expected a file that ends in .parquet, .csv, .npz"),
         ("a.csv", "frame,x,y\n0,1,2\n", "has no column marker or point or particle or"),
         ("a.csv", "frame;marker;x;y\n0;1;2;3\n", "separated by semicolons; expected commas"),
         ("a.csv", "frame,id,x,y\n", "has no row"),
-        ("a.csv", "frame,id,x,y\n0,1,2,2\n0,2,far,2\n", "a.csv: row 2, column x: 'far' is no num"),
+        ("a.csv", "frame,id,x,y\n0,1,2,2\n0,2,far,2\n", "row 2, column x: 'far' is no num"),
         ("a.csv", "frame,id,x,y\n0,1.5,2,2\n", "row 1, column id: '1.5' is no whole number"),
         ("a.csv", "frame,id,x,y,visible\n0,1,2,2,perhaps\n", "'perhaps' is no true or false"),
-        ("a.csv", "frame,id,x,y\n0,1,2\n", "row 1 has not 4 values"),
-        ("a.csv", "frame,id,x,y\n3,1,2,2\n3,1,2,2\n", "1 rows repeat another one, first of marker"),
+        ("a.csv", "frame,id,x,y\n3,1,2,2\n3,1,2,2\n", "1 rows repeat another one"),
         ("a.csv", "frame,id,x,y\n-1,1,2,2\n", "a frame before 0"),
-        ("a.parquet", "nothing", "cannot be read"),
-        ("a.npz", "nothing", "cannot be read"),
-        ("none.csv", None, "cannot be read: No such file"),
-    ],
-)
-def test_what_are_no_tracks_is_refused(
-    tmp_path: Path, name: str, text: str | None, told: str
-) -> None:
-    path = tmp_path / name
-    if text is not None:
-        path.write_text(text, encoding="utf-8")
-    for kind in ("tracks", "truth"):
-        with pytest.raises(UserError, match=re.escape(told)) as refused:
-            read_points(path, kind)
-        assert str(refused.value).startswith(f"{kind} {path}: ")
-        assert str(refused.value).count(str(path)) == 1
+    ):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        with pytest.raises(UserError, match=rf"^tracks {tmp_path}/{name}: .*{told}"):
+            read_points(tmp_path / name, "tracks")
 
 
-def layered(points: Points, names: tuple[str, ...]) -> Points:
+def layered(points: Points, *names: str) -> Points:
     """The same points once for each layer, as markers that lie on each other."""
     return Points(
         names=[(name, k) for name in names for _, k in points.names],
@@ -275,22 +194,19 @@ def layered(points: Points, names: tuple[str, ...]) -> Points:
     )
 
 
-def test_layers_that_are_not_told_are_asked_for() -> None:
+def test_layers_that_are_not_told_are_asked_for(tmp_path: Path) -> None:
     """Points of one place cannot be given to layers by chance: half of them would be lost."""
-    truth = Truth(points=layered(moving(), ("magenta", "yellow")))
-    for found, words in ((moving(), "no layer"), (layered(moving(), ("a", "b")), "layer a and b")):
+    points = layered(moving(), "magenta", "yellow")
+    truth = Truth(points=points)
+    for found, words in ((moving(), "no layer"), (layered(moving(), "a", "b"), "layer a and b")):
         with pytest.raises(UserError, match=rf"have (the )?{words}.* magenta and yellow"):
             score(found, truth)
-    assert score(layered(moving(), ("magenta",)), truth).scores["lost"] == 50.0
-    assert score(truth.points, truth).scores["lost"] == 0.0
-
-
-def test_arrays_may_name_their_layers(tmp_path: Path) -> None:
-    points = layered(moving(), ("magenta", "yellow"))
-    tracks, visibles = np.swapaxes(points.position, 0, 1), points.visible.T
-    np.savez(tmp_path / "a.npz", tracks=tracks, visibles=visibles, layer=points.layers.astype(str))
+    assert score(layered(moving(), "magenta"), truth).scores["lost"] == 50.0
+    assert score(points, truth).scores["lost"] == 0.0
+    arrays = {"tracks": np.swapaxes(points.position, 0, 1), "visibles": points.visible.T}
+    np.savez(tmp_path / "a.npz", **arrays, layer=points.layers.astype(str))
     assert (read_points(tmp_path / "a.npz").layers == points.layers).all()
-    np.savez(tmp_path / "b.npz", tracks=tracks, visibles=visibles, layer=["magenta"])
+    np.savez(tmp_path / "b.npz", **arrays, layer=["magenta"])
     with pytest.raises(UserError, match=r"b.npz: its array layer names 1 of 60 points"):
         read_points(tmp_path / "b.npz")
 
@@ -298,16 +214,15 @@ def test_arrays_may_name_their_layers(tmp_path: Path) -> None:
 @pytest.mark.studies
 def test_the_command_ranks_trackers_on_a_dataset(tmp_path: Path, typed: Typed) -> None:
     """Our own tracker near the bound, beside one that says that nothing moves."""
-    data = tmp_path / "data"
+    data, out = tmp_path / "data", tmp_path / "scores"
     assert typed("dataset", "make", "tiny", "--n", 2, "--out", data).returncode == 0
     sequence = data / "sequence-000000"
     for tracker in ("fit", "lk"):
         words = ("track", sequence / "rest.png", sequence, "--palette", "thesis")
-        out = tmp_path / tracker
-        assert typed(*words, "--tracker", tracker, "--out", out).returncode == 0
-        (out / "tracks.parquet").rename(tmp_path / f"{tracker}.parquet")
+        folder = tmp_path / tracker
+        assert typed(*words, "--tracker", tracker, "--out", folder).returncode == 0
+        (folder / "tracks.parquet").rename(tmp_path / f"{tracker}.parquet")
     files = [tmp_path / "lk.parquet", tmp_path / "fit.parquet"]
-    out = tmp_path / "scores"
     told = json.loads(typed("score", *files, sequence, "--out", out, "--json").stdout)
     assert told == json.loads((out / "scores.json").read_text(encoding="utf-8"))
     found = {entry["tracks"]: entry["scores"] for entry in told["tracks"]}
@@ -318,61 +233,36 @@ def test_the_command_ranks_trackers_on_a_dataset(tmp_path: Path, typed: Typed) -
     assert found["fit"]["rms_mm"] == pytest.approx(found["fit"]["rms"] * 0.044, rel=0.3)
     page = (out / "leaderboard.html").read_text(encoding="utf-8")
     assert page.count("data:image/png") == 2
-    assert {file.name for file in out.iterdir()} == {
-        "scores.json", "leaderboard.html", "worst-fit.png", "worst-lk.png",
-    }  # fmt: skip
+    assert (out / "worst-fit.png").is_file()
     # A tracker of one's own by its name, which has characters that a file's may not have.
     (tmp_path / "still.py").write_text(
         "from chromagrip.tracking.baselines.flow import LucasKanade as Still\n"
     )
     assert typed("score", "still:Still", sequence, "--out", "own-scores").returncode == 0
     assert (tmp_path / "own-scores" / "worst-still-Still.png").is_file()
-    # Which of two sequences is not guessed, and none is left out in silence.
-    own = tmp_path / "own"
-    own.mkdir()
-    (tmp_path / "fit.parquet").rename(own / "tracks.parquet")
-    assert typed("score", own, sequence, "--out", out, "--overwrite").returncode == 0
-    for tracks, told_ in ((files[0], "has 2 sequences; give the one"), (own, "2 of 2 sequences")):
-        done = typed("score", tracks, data, "--out", tmp_path / "none")
-        assert (done.returncode, told_ in done.stderr) == (2, True), done.stderr
-        assert not (tmp_path / "none").exists()
+    # Which of two sequences is not guessed.
+    done = typed("score", files[0], data, "--out", tmp_path / "none")
+    assert (done.returncode, "has 2 sequences; give the one" in done.stderr) == (2, True)
+    assert not (tmp_path / "none").exists()
 
 
-def test_a_truth_that_is_none_is_one_sentence(tmp_path: Path, typed: Typed) -> None:
-    file = write_parquet(tmp_path / "a.parquet", moving())
-    for words, told in (
-        ((file,), "score needs tracks and a truth"),
-        ((file, "nowhere"), "there is no truth nowhere"),
-        ((file, tmp_path), "is no dataset"),
-    ):
-        done = typed("score", *words)
-        assert (done.returncode, told in done.stderr) == (2, True), done.stderr
-        assert len(done.stderr.splitlines()) == 1
+def rms_of(values: np.ndarray) -> list[dict[str, float]]:
+    return [{"rms": value} for value in values]
 
 
-def test_intervals_are_those_of_means_of_many_sequences() -> None:
+def test_intervals_are_those_of_means_and_hold_as_often_as_they_say() -> None:
     """By the central limit theorem: mean ± 1.645 σ/√n."""
     values = np.random.default_rng(3).exponential(2.0, 400)
-    low, high = intervals([{"rms": value} for value in values])["rms"]
+    low, high = intervals(rms_of(values))["rms"]
     half = 1.645 * values.std() / np.sqrt(len(values))
     assert (low + high) / 2.0 == pytest.approx(values.mean(), abs=0.15 * half)
     assert (high - low) / 2.0 == pytest.approx(half, rel=0.1)
-
-
-def test_intervals_hold_the_true_mean_as_often_as_they_say() -> None:
-    """Of 30 sequences a bootstrap of percentiles covers slightly less than its 90 %."""
+    # Of 30 sequences a bootstrap of percentiles covers slightly less than its 90 %.
     rng = np.random.default_rng(4)
-    inside = 0
-    for _ in range(300):
-        low, high = intervals([{"rms": value} for value in rng.normal(1.0, 0.5, 30)])["rms"]
-        inside += low < 1.0 < high
-    assert 0.84 < inside / 300 < 0.94
-
-
-def test_intervals_judge_two_makers_on_the_same_draws() -> None:
-    """What is better by the same amount in every sequence is better at both bounds."""
-    values = np.random.default_rng(5).exponential(1.0, 12)
-    scores = [{"rms": value, "p95": value + 0.25, "bound": 3.0} for value in values]
+    bounds = [intervals(rms_of(rng.normal(1.0, 0.5, 30)))["rms"] for _ in range(200)]
+    assert 0.84 < np.mean([low < 1.0 < high for low, high in bounds]) < 0.94
+    # Two makers are judged on the same draws: better by the same everywhere is so at both bounds.
+    scores = [{"rms": value, "p95": value + 0.25, "bound": 3.0} for value in values[:12]]
     found = intervals(scores)
     np.testing.assert_allclose(np.subtract(found["p95"], found["rms"]), 0.25)
     assert found["bound"] == pytest.approx((3.0, 3.0))
@@ -416,19 +306,7 @@ def test_tracks_are_ranked_by_the_bound_and_what_is_lost_comes_last() -> None:
     assert [one.name for one in ranked] == ["close", "coarse", "unknown", "invents", "lossy"]
 
 
-def test_each_case_has_its_own_mean() -> None:
-    made = of_names("a", [1.0, 10.0, 3.0, 20.0])
-    names = list(made.sequences)
-    cases = dict(zip(names, ["easy", "hard", "easy", "hard"], strict=True))
-    rms, lost = case_tables([replace(made, cases=cases)])
-    assert rms.header == ("rms px", "a")
-    assert rms.lines == (("easy", "2 (1 … 3)"), ("hard", "15 (10 … 20)"))
-    assert lost.lines == rms.lines
-    (alone, _) = case_tables([replace(made, cases={names[1]: "hard"})])
-    assert alone.lines == (("hard", "10"),)
-
-
-def test_one_sequence_has_no_interval_and_it_is_said() -> None:
+def test_tables_have_means_with_intervals_where_there_are_several() -> None:
     one, more, lost = (
         of_names(name, values)
         for name, values in {"a": [0.5], "b": [1.0, 3.0], "c": [1.0, np.nan]}.items()
@@ -436,39 +314,35 @@ def test_one_sequence_has_no_interval_and_it_is_said() -> None:
     assert one.intervals == {}
     assert "no interval" in interval_note([one])
     assert "no interval" not in interval_note([more])
-    assert {line[0]: line[1] for line in score_table([one]).lines}["rms px"] == "0.5"
-    assert case_tables([one, more]) == []
-    # Of two sequences the means are 1, 2 and 3.
-    assert {line[0]: line[1] for line in score_table([more]).lines}["rms px"] == "2 (1 … 3)"
+    assert dict(line[:2] for line in score_table([one]).lines)["rms px"] == "0.5"
+    assert dict(line[:2] for line in score_table([more]).lines)["rms px"] == "2 (1 … 3)"
     told = json.loads(json.dumps(as_json([one, more, lost], Path("truth"))))["tracks"]
-    assert [entry["intervals"] for entry in told] == [
-        {}, {name: [1.0, 3.0] for name in UNITS}, dict.fromkeys(UNITS),
-    ]  # fmt: skip
+    bounds = [entry["intervals"] for entry in told]
+    assert bounds == [{}, {name: [1.0, 3.0] for name in UNITS}, dict.fromkeys(UNITS)]
+    # Each case has its own mean.
+    made = of_names("a", [1.0, 10.0, 3.0, 20.0])
+    cases = dict(zip(made.sequences, ["easy", "hard", "easy", "hard"], strict=True))
+    rms, _ = case_tables([replace(made, cases=cases)])
+    assert rms.header == ("rms px", "a")
+    assert rms.lines == (("easy", "2 (1 … 3)"), ("hard", "15 (10 … 20)"))
+    assert case_tables([one, more]) == []
 
 
 def test_an_error_beside_a_large_one_is_drawn_twice_and_told() -> None:
     """By the factor of the largest typical error, where it cannot be seen, and by its own."""
     truth = Truth(points=moving())
-    count = truth.points.visible.shape[1]
-    picture = np.zeros((480, 640, 3), np.uint8)
-    found = []
+    picture, found = np.zeros((480, 640, 3), np.uint8), []
     for name, error in (("good", 0.01), ("bad", 0.5)):
         named = Named(name="s", truth=truth, tracks=None, pictures=[picture])
-        away = Scored(scores={}, error=np.full((1, count, 2), error), at=np.zeros((1, count, 2)))
+        away = Scored(scores={}, error=np.full((1, COUNT, 2), error), at=np.zeros((1, COUNT, 2)))
         found.append((of_names(name, [error]), [(named, away, 0)]))
     assert [_factor(frame) for _, (frame,) in found] == [300.0, 10.0]
     good, bad = (outcome.worst for outcome in _with_pictures(found))
-    assert good is not None
-    assert bad is not None
     assert good.shape[1] == 2 * bad.shape[1]
-    orange = [
-        int((np.abs(part.astype(int) - [240, 130, 0]).sum(axis=-1) < 30).sum())
-        for part in np.split(good, 2, axis=1)
-    ]
-    assert orange[1] > 5 * orange[0]
+    orange = np.abs(good.astype(int) - [240, 130, 0]).sum(axis=-1) < 30
+    alike, own = (part.sum() for part in np.split(orange, 2, axis=1))
+    assert own > 5 * alike
     named, scored, k = found[1][1][0]
-    told = _captions(named, scored, k, "x10 (all tracks alike)")
-    assert told[1] == "error: median 0.71 px, largest 0.71 px"
-    assert told[2].endswith("x10 (all tracks alike)")
+    assert _captions(named, scored, k, "x1")[1] == "error: median 0.71 px, largest 0.71 px"
     lost = replace(scored, error=np.full_like(scored.error, np.nan))
     assert _captions(named, lost, k, "x1")[1] == "no marker was found"

@@ -1,4 +1,4 @@
-"""Chain and dome side by side: equilibrium holds for both, and the powers of the depth differ."""
+"""Chain and dome side by side, and the dome against what is published and seen of it."""
 
 import math
 
@@ -8,7 +8,10 @@ import pytest
 from benchmarks.model import side_by_side as page
 from benchmarks.model.side_by_side import Press, Side, side_by_side, side_rows, side_table
 from benchmarks.model.side_by_side_figure import draw_side_by_side
+from benchmarks.render.real_press import FLOW, outward_flow, real_presses
+from chromagrip.model.shapes import ball, plane
 from chromagrip.output.figure import png
+from chromagrip.render import load_sensor
 
 pytestmark = pytest.mark.studies
 
@@ -58,3 +61,18 @@ def test_the_picture_and_the_table_have_every_side(sides: list[Side]) -> None:
     table = side_table(sides)
     assert table.header[1:] == ("chain, flat", "dome, flat", "chain, ball", "dome, ball")
     assert all(len(line) == 5 for line in table.lines)
+
+
+def test_the_hue_of_a_press_is_the_published_one() -> None:
+    rows = {row.score: row.value for row in real_presses()}
+    assert rows["hue_slope"] == pytest.approx(9.2, rel=0.3)
+    # A layer bonded to a core moves with its height: (4.4 − 2) mm of 4.4 mm, and some more.
+    assert rows["shear_of_the_centroid"] == pytest.approx(0.55, abs=0.12)
+
+
+def test_the_flow_of_a_real_pair_is_in_range_and_a_ball_has_less() -> None:
+    sensor = load_sensor("dome-2020")
+    flow = outward_flow(sensor, plane())[1]
+    assert (np.diff(flow) > 0.0).all()
+    assert flow[0] < FLOW[0] < FLOW[1] < flow[-1]
+    assert (outward_flow(sensor, ball(20e-3))[1][10:] < 0.9 * flow[10:]).all()

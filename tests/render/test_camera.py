@@ -1,4 +1,4 @@
-"""The cameras are OpenCV's, and their derivatives and rays are those of their projection."""
+"""Cameras against OpenCV; behind the silicone's surface, against Snell's law and simple optics."""
 
 import math
 from dataclasses import replace
@@ -6,8 +6,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from chromagrip.render import Camera, FisheyeCamera, PinholeCamera, load_sensor
+from chromagrip.calibrate.lens.corners import View as Corners
+from chromagrip.calibrate.lens.fit import calibrate_fisheye
+from chromagrip.render import Camera, FisheyeCamera, PinholeCamera, View, load_sensor
 from chromagrip.render.optics.projection_kernels import angle_to_axis, project_lanes
 
 FISHEYE = FisheyeCamera(
@@ -74,10 +78,6 @@ def test_rays_invert_the_projection(camera: Camera) -> None:
     np.testing.assert_allclose(np.linalg.norm(rays, axis=-1), 1.0, rtol=1e-12)
     np.testing.assert_allclose(camera.project(7e-3 * rays), pixels, atol=1e-9)
     np.testing.assert_allclose(camera.rays(np.array(camera.centre)), [0.0, 0.0, 1.0])
-
-
-@CAMERAS
-def test_rays_of_points_lead_to_them(camera: Camera) -> None:
     points = scattered(camera, 30)
     along = points / np.linalg.norm(points, axis=1, keepdims=True)
     np.testing.assert_allclose(camera.rays(camera.project(points)), along, atol=1e-12)
@@ -104,21 +104,15 @@ def test_a_pinhole_sees_nothing_behind_it() -> None:
 
 def test_a_fisheye_that_folds_is_refused() -> None:
     with pytest.raises(ValueError, match=r"folds the fisheye's image within 90°"):
-        FisheyeCamera(
-            width=641,
-            height=483,
-            focal=(151.3, 151.3),
-            centre=(318.2, 243.7),
-            distortion=(-0.3, 0.0, 0.0, 0.0),
-        )
+        replace(FISHEYE, distortion=(-0.3, 0.0, 0.0, 0.0))
 
 
 def test_angles_to_the_axis_are_those_of_atan2() -> None:
     rng = np.random.default_rng(5)
-    rho, z = abs(rng.standard_normal(20000)), rng.standard_normal(20000)
+    rho, z = abs(rng.standard_normal(3000)), rng.standard_normal(3000)
     rho[:5], z[:5] = [0.0, 0.0, 1.0, 1.0, 1.0], [1.0, -1.0, 0.0, 1.0, -1.0]
-    z[5:2000] *= 1e-9
-    rho[2000:4000] *= 1e-9
+    z[5:500] *= 1e-9
+    rho[500:1000] *= 1e-9
     for r, up in zip(rho, z, strict=True):
         found = angle_to_axis(r, up)
         assert found == pytest.approx(math.atan2(r, up), rel=5e-16, abs=1e-300)
@@ -135,3 +129,129 @@ def test_points_are_projected_together_as_alone() -> None:
             project_lanes(*lanes, own.surface, own.camera.lens)
             expected = own.project(points)
             np.testing.assert_array_equal(lanes[:2].T, expected)
+
+
+def test_deviations_of_a_fitted_lens_are_those_of_the_whole_problem() -> None:
+    """Against σ²·(JᵀJ)⁻¹ of lens and poses together, σ² by all numbers less all parameters."""
+    rng = np.random.default_rng(4)
+    board = np.column_stack([*map(np.ravel, np.meshgrid(range(4), range(3))), np.zeros(12)])
+    board -= [1.5, 1.0, 0.0]
+    lens = replace(FISHEYE, distortion=(0.04, -0.01, 0.0, 0.0))
+    views = []
+    for turn in ([0.5, 0, 0], [-0.5, 0.1, 0], [0, 0.6, 0.2], [0.1, -0.6, 0], [0.3, 0.3, 0.4]):
+        shift = [*rng.uniform(-1.5, 1.5, 2), rng.uniform(2.0, 3.0)]
+        pixels = lens.project(board @ cv2.Rodrigues(np.array(turn, float))[0].T + shift)
+        noisy = pixels + 0.2 * rng.standard_normal((12, 2))
+        views.append(Corners(name=str(turn), points=board, pixels=noisy))
+    fit = calibrate_fisheye(views, (641, 483), {})
+    free = np.count_nonzero(fit.deviations)
+    start = np.concatenate([fit.camera.focal, fit.camera.centre, fit.camera.distortion])
+    start = np.concatenate([start[:free], *(np.concatenate(pose) for pose in fit.poses)])
+
+    def residuals(values: np.ndarray) -> np.ndarray:
+        own = np.concatenate([values[:free], np.zeros(8 - free)])
+        matrix = np.array([[own[0], 0.0, own[2]], [0.0, own[1], own[3]], [0.0, 0.0, 1.0]])
+        off = []
+        for pose, view in zip(values[free:].reshape(-1, 6), views, strict=True):
+            seen, _ = cv2.fisheye.projectPoints(board[:, None], pose[:3], pose[3:], matrix, own[4:])
+            off.append((seen[:, 0] - view.pixels).ravel())
+        return np.concatenate(off)
+
+    steps = 1e-6 * np.eye(len(start))
+    slopes = [(residuals(start + h) - residuals(start - h)) / 2e-6 for h in steps]
+    jacobian = np.stack(slopes, axis=1)
+    variance = (residuals(start) ** 2).sum() / np.subtract(*jacobian.shape)
+    deviations = np.sqrt(variance * np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+    np.testing.assert_allclose(fit.deviations[:free], deviations[:free], rtol=1e-3)
+
+
+EVEN = FisheyeCamera(width=640, height=480, focal=(152.8, 152.8), centre=(319.5, 239.5))
+STRAIGHT = PinholeCamera(width=640, height=480, focal=(900.0, 900.0), centre=(319.5, 239.5))
+
+
+def dome_view(position: float, index: float = 1.41) -> View:
+    return View(camera=EVEN, position=position, port=6e-3, flat=False, index=index)
+
+
+PAD = View(camera=STRAIGHT, position=-60e-3, port=-8e-3, flat=True, index=1.41)
+
+
+def skin_points(count: int = 40) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    theta, phi = rng.uniform(0.0, 1.2, count), rng.uniform(0.0, 2 * np.pi, count)
+    radius = rng.uniform(6.5e-3, 8e-3, count)
+    theta[0] = 0.0  # on the axis
+    return radius[:, None] * np.column_stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]
+    )
+
+
+def points_of(view: View) -> np.ndarray:
+    """Points of the skin: of a pad its z begins at the skin, and the port is below."""
+    points = skin_points() - ([0.0, 0.0, 8e-3] if view.flat else [0.0, 0.0, 0.0])
+    return points[points[:, 2] > -5e-3]
+
+
+VIEWS = pytest.mark.parametrize(
+    "view",
+    [dome_view(-2e-3), dome_view(0.0), dome_view(1.5e-3), PAD],
+    ids=str,
+)
+
+
+@VIEWS
+def test_traced_rays_meet_the_points_they_show(view: View) -> None:
+    points = points_of(view)
+    start, ray = view.trace(view.project(points))
+    off = np.cross(points - start, ray)
+    np.testing.assert_allclose(np.linalg.norm(off, axis=-1), 0.0, atol=1e-9)
+
+
+@settings(max_examples=30)
+@given(st.floats(-4e-3, 4e-3), st.floats(1.0, 2.0), st.floats(0.0, 60.0), st.booleans())
+def test_rays_bend_by_snells_law(position: float, index: float, angle: float, flat: bool) -> None:
+    view = replace(PAD, index=index) if flat else dome_view(position, index)
+    pixel = np.array([319.5 + 152.8 * np.deg2rad(angle), 239.5])
+    start, inside = view.trace(pixel)
+    if not view.bends:
+        return
+    normal = np.array([0.0, 0.0, 1.0]) if flat else start / np.linalg.norm(start)
+    at = start[2] if flat else np.linalg.norm(start)
+    assert at == pytest.approx(view.port, rel=1e-9)
+    outside = view.camera.rays(pixel)
+    sines = [np.linalg.norm(np.cross(ray, normal)) for ray in (outside, inside)]
+    assert sines[0] == pytest.approx(index * sines[1], abs=1e-9)
+    # Bent in one plane, and not turned back.
+    assert np.linalg.det(np.stack([outside, inside, normal])) == pytest.approx(0.0, abs=1e-9)
+    assert (outside @ normal) * (inside @ normal) > 0.0
+
+
+def test_from_the_sphere_centre_no_ray_is_bent() -> None:
+    points = skin_points()
+    np.testing.assert_array_equal(dome_view(0.0).project(points), EVEN.project(points))
+
+
+def test_off_the_centre_silicone_matters() -> None:
+    points = skin_points()
+    bent, straight = dome_view(-1.5e-3).project(points), dome_view(-1.5e-3, 1.0).project(points)
+    assert 1.0 < np.linalg.norm(bent - straight, axis=-1).max() < 30.0
+    np.testing.assert_allclose(
+        straight, EVEN.project(points + np.array([0.0, 0.0, 1.5e-3])), atol=1e-9
+    )
+
+
+def test_a_flat_port_brings_things_nearer_by_the_index() -> None:
+    """Near the axis a point d behind the surface is seen as if d/n behind it."""
+    point = np.array([0.05e-3, -0.02e-3, 0.0])  # 8 mm behind the surface
+    apparent = 52e-3 + 8e-3 / 1.41
+    expected = 319.5 + 900.0 * point[0] / apparent, 239.5 + 900.0 * point[1] / apparent
+    np.testing.assert_allclose(PAD.project(point), expected, atol=1e-4)
+
+
+@VIEWS
+def test_jacobian_of_a_view_is_the_derivative(view: View) -> None:
+    points = points_of(view)
+    jacobian = view.jacobian(points)
+    for k, nudge in enumerate(1e-6 * np.eye(3)):
+        slope = (view.project(points + nudge) - view.project(points - nudge)) / 2e-6
+        np.testing.assert_allclose(jacobian[:, :, k], slope, rtol=1e-4, atol=1.0)

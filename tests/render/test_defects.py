@@ -1,15 +1,27 @@
+"""Each defect has the size of its dial, and none changes what another one draws."""
+
 from contextlib import closing
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.inspect import BoolType, FloatType, IntType, StructType, type_info
+from scipy.ndimage import label
 
 from chromagrip.model import Fingertip, rest_state
-from chromagrip.render import Membrane, MembraneMap, SensorDesign, load_sensor, open_renderer
+from chromagrip.render import (
+    Membrane,
+    MembraneMap,
+    SensorDesign,
+    ground_image,
+    load_sensor,
+    open_renderer,
+)
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.design.dials import Defects
 from chromagrip.render.design.sensor import Seams
@@ -23,46 +35,31 @@ from chromagrip.render.flaws.imaging import (
     white_balance,
 )
 from chromagrip.render.membrane import rest_membrane
+from chromagrip.scene.scene import load_scene, parse_scene
 from chromagrip.sensing.sensor import TactileSensor
 from chromagrip.strict_toml import convert
 
 SENSOR = load_sensor("thesis")
-MEMBRANE = MembraneMap(SENSOR, 251)
-REST = MEMBRANE(np.zeros((251, 2)))
+REST = rest_membrane(SENSOR)
+
+
+def sized(width: int, height: int, focal: float) -> SensorDesign:
+    size = {"width_px": width, "height_px": height, "focal_px": (focal, focal)}
+    return msgspec.structs.replace(SENSOR, camera=msgspec.structs.replace(SENSOR.camera, **size))
+
+
+#: The thesis' fingertip in an image of half its size, and in one of odd size.
+HALF, SMALL = sized(320, 240, 76.4), sized(121, 93, 28.0)
 SHAPE = (480, 640, 3)
-MIDDLE = (239.5, 319.5)
 EVERYTHING = Defects(
-    shot_noise_electrons=8000,
-    read_noise_electrons=12,
-    vignette=0.35,
-    uneven_leds=0.15,
-    defocus_px=0.7,
-    motion_blur=0.5,
-    white_balance_drift=0.1,
-    drift_frames=20,
-    gain_step=0.08,
-    gain_step_frames=10,
-    bayer=True,
-    jpeg_quality=80,
-    h264_crf=23,
-    dust=25,
-    specular=6,
-    missing_markers=0.03,
-    worn_markers=0.05,
-    seam_tint=0.7,
-    misalignment_mm=0.12,
-    misplacement_mm=0.05,
-    crookedness_mm=0.05,
-    gore_misalignment_mm=0.2,
-    rubbed_markers=0.05,
-    seam_width_mm=1.0,
-    seam_wander_mm=0.5,
-    seam_gaps=0.2,
-    glow=0.2,
-    blotches=0.2,
-    grain=0.03,
+    shot_noise_electrons=8000, read_noise_electrons=12, vignette=0.35, uneven_leds=0.15,
+    defocus_px=0.7, motion_blur=0.5, white_balance_drift=0.1, drift_frames=20, gain_step=0.08,
+    gain_step_frames=10, bayer=True, jpeg_quality=80, h264_crf=23, dust=25, specular=6,
+    missing_markers=0.03, worn_markers=0.05, seam_tint=0.7, misalignment_mm=0.12,
+    misplacement_mm=0.05, crookedness_mm=0.05, gore_misalignment_mm=0.2, rubbed_markers=0.05,
+    seam_width_mm=1.0, seam_wander_mm=0.5, seam_gaps=0.2, glow=0.2, blotches=0.2, grain=0.03,
     threads=3,
-)
+)  # fmt: skip
 
 
 @cache
@@ -85,20 +82,18 @@ def imaged(image: np.ndarray, seed: int = 1, index: int = 0, **dials: float) -> 
     return sent(Imaging(SENSOR, Defects(**dials), seed), image, index)
 
 
-def gain(level: int = 200, **dials: float) -> np.ndarray:
+def gain(seed: int = 1, index: int = 0, **dials: float) -> np.ndarray:
     """Factor on the linear light of an even image."""
-    return decode_srgb(imaged(grey(level), **dials)) / decode_srgb(float(level))
+    return decode_srgb(imaged(grey(200), seed, index, **dials)) / decode_srgb(200.0)
 
 
 def deviation(image: np.ndarray, reference: np.ndarray) -> float:
     return float(np.sqrt(((image.astype(float) - reference) ** 2).mean()))
 
 
-@cache
-def skin_radius() -> np.ndarray:
-    """Distance from the middle in radii of the skin's image."""
-    y, x = np.mgrid[:480, :640]
-    return np.hypot(x - MIDDLE[1], y - MIDDLE[0]) / (152.8 * np.pi / 2)
+Y, X = np.mgrid[:480, :640]
+#: Distance from the middle in radii of the skin's image.
+RADIUS = np.hypot(X - 319.5, Y - 239.5) / (152.8 * np.pi / 2)
 
 
 def test_all_off_costs_nothing() -> None:
@@ -106,39 +101,31 @@ def test_all_off_costs_nothing() -> None:
     assert sent(Imaging(SENSOR, Defects(), 3), image, 5) is image
     assert Flaws(SENSOR, Defects(), 3)(REST) is REST
     assert shutter_times(Defects(), 0.02).tolist() == [0.0]
-
-
-def test_the_linear_chain_keeps_every_level() -> None:
-    """Two equal exposures pass it and change nothing."""
+    # Two equal exposures pass the linear chain and change nothing.
     levels = np.tile(np.arange(256, dtype=np.uint8)[:, None], (1, 3))[None]
-    out = sent(Imaging(SENSOR, Defects(), 0), [levels, levels], 0)
-    assert (out == levels).all()
+    assert (sent(Imaging(SENSOR, Defects(), 0), [levels, levels], 0) == levels).all()
 
 
-@pytest.mark.parametrize("well", [2000.0, 10000.0])
-def test_photon_transfer(well: float) -> None:
+@pytest.mark.parametrize("level", [60, 200])
+def test_photon_transfer(level: int) -> None:
     """Variance of linear light is mean / full well."""
-    for level in (60, 128, 200):
-        mean = decode_srgb(float(level))
-        light = decode_srgb(imaged(grey(level), shot_noise_electrons=well))
-        slope = (1.055 / 2.4) * mean ** (1 / 2.4 - 1)  # of the sRGB curve
-        rounding = 1 / 12 / (255 * slope) ** 2
-        count = light.size
-        assert light.mean() == pytest.approx(mean, abs=5 * np.sqrt(mean / well / count) + 2e-4)
-        # A variance estimated from n values is off by √(2/n); the curve bends a little.
-        assert light.var() == pytest.approx(
-            mean / well + rounding, rel=5 * np.sqrt(2 / count) + 0.02
-        )
+    well, mean = 2000.0, decode_srgb(float(level))
+    light = decode_srgb(imaged(grey(level), shot_noise_electrons=well))
+    slope = (1.055 / 2.4) * mean ** (1 / 2.4 - 1)  # of the sRGB curve
+    rounding, count = 1 / 12 / (255 * slope) ** 2, light.size
+    assert light.mean() == pytest.approx(mean, abs=5 * np.sqrt(mean / well / count) + 2e-4)
+    # A variance estimated from n values is off by √(2/n); the curve bends a little.
+    assert light.var() == pytest.approx(mean / well + rounding, rel=5 * np.sqrt(2 / count) + 0.02)
 
 
 def test_read_noise_is_the_floor() -> None:
     """With or without light; of the full well that is given."""
     for well, electrons in ((0.0, 100.0), (20000.0, 200.0)):
         dials = {"shot_noise_electrons": well, "read_noise_electrons": electrons}
-        mean = decode_srgb(60.0)
-        shot = mean / well if well else 0.0
-        light = decode_srgb(imaged(grey(60), **dials))
-        assert light.std() == pytest.approx(np.sqrt(1e-4 + shot), rel=0.02)
+        shot = decode_srgb(60.0) / well if well else 0.0
+        assert decode_srgb(imaged(grey(60), **dials)).std() == pytest.approx(
+            np.sqrt(1e-4 + shot), rel=0.02
+        )
         # In the dark half of it is cut off: the mean of half a normal distribution is σ/√(2π).
         dark = decode_srgb(imaged(grey(0), **dials))
         assert dark.mean() == pytest.approx(0.01 / np.sqrt(2 * np.pi), rel=0.02)
@@ -149,36 +136,28 @@ def test_noise_of_frames_is_independent() -> None:
         imaged(grey(128), seed, index, shot_noise_electrons=2000.0) - 128.0
         for seed, index in ((1, 0), (1, 1), (2, 0))
     ]
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        correlation = (noise[i] * noise[j]).mean() / noise[0].var()
-        assert abs(correlation) < 5 / np.sqrt(noise[0].size)
+    for other in noise[1:]:
+        assert abs((noise[0] * other).mean() / noise[0].var()) < 5 / np.sqrt(noise[0].size)
 
 
 def test_vignette_takes_its_share_at_the_corner() -> None:
     factor = gain(vignette=0.4)
-    assert factor[239, 319] == pytest.approx(1.0, abs=0.005)
-    assert factor[0, 0] == pytest.approx(0.6, abs=0.005)
-    # Half-way to the corner a quarter of it.
-    assert factor[120, 160] == pytest.approx(0.9, abs=0.006)
+    # Half-way to the corner it takes a quarter of it.
+    for place, share in (((239, 319), 1.0), ((120, 160), 0.9), ((0, 0), 0.6)):
+        assert factor[place] == pytest.approx(share, abs=0.006)
 
 
 def test_uneven_leds_deviate_by_no_more_and_are_fair() -> None:
     light = gain(uneven_leds=0.2)[..., 0]
-    skin = light[skin_radius() < 1.0]
+    skin = light[RADIUS < 1.0]
     assert abs(skin - 1.0).max() == pytest.approx(0.2, abs=0.01)
     assert skin.mean() == pytest.approx(1.0, abs=0.003)
     # Smooth: nothing changes fast from pixel to pixel but the rounding to whole levels.
     assert abs(np.diff(light, axis=0)).max() < 0.03
-    assert (
-        abs(
-            gain(uneven_leds=0.2) - sent(Imaging(SENSOR, Defects(uneven_leds=0.2), 2), grey(200), 0)
-        ).max()
-        > 0.1
-    )
+    assert abs(light - gain(seed=2, uneven_leds=0.2)[..., 0]).max() > 0.1
 
 
-@pytest.mark.parametrize("sigma", [1.0, 2.5])
-def test_defocus_adds_in_squares(sigma: float) -> None:
+def test_defocus_adds_in_squares() -> None:
     """The derivative of an edge is the blur: variances add."""
 
     def variance(image: np.ndarray) -> float:
@@ -187,12 +166,10 @@ def test_defocus_adds_in_squares(sigma: float) -> None:
         mean = (line * x).sum() / line.sum()
         return float((line * (x - mean) ** 2).sum() / line.sum())
 
-    x = np.arange(640)
-    ramp = np.clip((x - 310) / 10.0, 0.0, 1.0)
-    edge = np.broadcast_to(np.rint(encode_srgb(0.1 + 0.7 * ramp)), (480, 640))
-    edge = np.repeat(edge[..., None], 3, axis=-1).astype(np.uint8)
-    added = variance(imaged(edge, defocus_px=sigma)) - variance(edge)
-    assert added == pytest.approx(sigma**2, rel=0.03)
+    ramp = np.rint(encode_srgb(0.1 + 0.7 * np.clip((X - 310) / 10.0, 0.0, 1.0)))
+    edge = np.repeat(ramp[..., None], 3, axis=-1).astype(np.uint8)
+    added = variance(imaged(edge, defocus_px=2.5)) - variance(edge)
+    assert added == pytest.approx(2.5**2, rel=0.03)
 
 
 def test_an_open_shutter_draws_a_marker_out() -> None:
@@ -200,27 +177,22 @@ def test_an_open_shutter_draws_a_marker_out() -> None:
     painter = open_renderer("painter", SENSOR)
     clear = decode_srgb(painter.render(replace(REST, centres=REST.centres * np.nan)))
     only = np.argmin(np.hypot(*REST.centres[0, :, :2].T))
-    moved = 12.0  # [px] in a period
-    defects = Defects(motion_blur=0.75)
+    moved, defects = 12.0, Defects(motion_blur=0.75)  # [px] in a period
     times = shutter_times(defects, 1.0)
-    assert times.min() >= -0.75
-    assert times.max() <= 0.0
-    step = moved / 152.8 * 7e-3
+    assert -0.75 <= times.min() < times.max() <= 0.0
 
     def seen(shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         images = []
         for share in shares:
             centres = np.full_like(REST.centres, np.nan)
-            centres[1, only] = [share * step, 0.0, 7e-3]
+            centres[1, only] = [share * moved / 152.8 * 7e-3, 0.0, 7e-3]
             images.append(painter.render(replace(REST, centres=centres)))
-        light = decode_srgb(sent(Imaging(SENSOR, defects, 0), images, 0))
-        dark = (clear - light)[..., 2]
+        dark = (clear - decode_srgb(sent(Imaging(SENSOR, defects, 0), images, 0)))[..., 2]
         dark = np.where(dark > 0.005, dark, 0.0)
-        y, x = np.mgrid[:480, :640]
         weight = dark / dark.sum()
-        mean = np.array([(weight * x).sum(), (weight * y).sum()])
+        mean = np.array([(weight * X).sum(), (weight * Y).sum()])
         return mean, np.array(
-            [(weight * (x - mean[0]) ** 2).sum(), (weight * (y - mean[1]) ** 2).sum()]
+            [(weight * (X - mean[0]) ** 2).sum(), (weight * (Y - mean[1]) ** 2).sum()]
         )
 
     still, own = seen(np.zeros(1))
@@ -233,23 +205,20 @@ def test_an_open_shutter_draws_a_marker_out() -> None:
 
 def test_white_balance_drifts_slowly_within_its_dial() -> None:
     defects = Defects(white_balance_drift=0.2, drift_frames=50)
-    ratio = []
-    for index in range(0, 50 * 400, 10):
-        red, blue = white_balance(defects, 4, index)
-        assert red * blue == pytest.approx(1.0)
-        ratio.append(red / blue)
-    drift = np.array(ratio) - 1.0
+    gains = np.array([white_balance(defects, 4, index) for index in range(0, 50 * 400, 10)])
+    np.testing.assert_allclose(gains.prod(axis=1), 1.0)
+    drift = gains[:, 0] / gains[:, 1] - 1.0
     assert 0.19 < abs(drift).max() <= 0.2
     assert abs(drift.mean()) < 5 * 0.2 / np.sqrt(3 * 400)
     # The steepest way from one end to the other: 1.5 · 2 · dial in drift_frames.
     assert abs(np.diff(drift)).max() < 1.5 * 0.4 * 10 / 50
-
-
-def test_white_balance_in_the_image() -> None:
+    # It has no kink where one way ends and the next begins.
+    ends = [[white_balance(defects, 4, 50 * k + i) for i in (0, 1)] for k in range(40)]
+    steps = np.diff([[red / blue for red, blue in pair] for pair in ends])
+    assert abs(steps).max() < 3 * 0.4 / 50**2
     dials = {"white_balance_drift": 0.3, "drift_frames": 7}
-    light = gain(index=11, **dials)[100, 100]
     red, blue = white_balance(Defects(**dials), 1, 11)
-    np.testing.assert_allclose(light, [red, 1.0, blue], atol=0.006)
+    np.testing.assert_allclose(gain(index=11, **dials)[100, 100], [red, 1.0, blue], atol=0.006)
     assert abs(red / blue - 1.0) > 0.02
 
 
@@ -262,20 +231,18 @@ def test_gain_jumps_by_its_dial_as_often_as_stated() -> None:
     assert np.diff(jumps).std() > 5  # not by the clock: each anywhere in its span
     assert gains.mean() == pytest.approx(1.0, abs=0.01)
     light = gain(index=60, gain_step=0.1, gain_step_frames=25)
-    expected = exposure(Defects(gain_step=0.1, gain_step_frames=25), 1, 60)
-    np.testing.assert_allclose(light, expected, atol=0.006)
+    np.testing.assert_allclose(light, exposure(defects, 1, 60), atol=0.006)
 
 
 def test_bayer_keeps_even_colours_and_loses_detail_of_chroma() -> None:
     even = np.empty(SHAPE, dtype=np.uint8)
     even[:] = (209, 107, 63)
     assert (imaged(even, bayer=True) == even).all()
-    # Stripes of one pixel: of equal green they vanish or alias; of two wide patches they stay.
-    x = np.arange(640)
 
     def stripes(width: int) -> float:
+        """Contrast in blue that is left of stripes of equal green."""
         image = even.copy()
-        image[:, (x // width) % 2 == 1] = (198, 107, 117)
+        image[:, (X[0] // width) % 2 == 1] = (198, 107, 117)
         out = imaged(image, bayer=True).astype(float)
         blue, reference = out[100:300, 100:500, 2], image[100:300, 100:500, 2].astype(float)
         centred = reference - reference.mean()
@@ -283,14 +250,12 @@ def test_bayer_keeps_even_colours_and_loses_detail_of_chroma() -> None:
 
     assert stripes(1) < 0.6
     assert stripes(8) > 0.85
-    assert deviation(imaged(picture(), bayer=True), picture()) > 0.5
 
 
 def test_bayer_does_not_shift_the_image() -> None:
     """A ramp of light passes the interpolation unchanged, whichever way it runs."""
     ramp = np.rint(encode_srgb(np.linspace(0.2, 0.8, 640)))
     image = np.repeat(np.broadcast_to(ramp, (640, 640))[..., None], 3, axis=-1).astype(np.uint8)
-    steepness = np.gradient(ramp).mean()
     for turned in (image, image.swapaxes(0, 1)):
         change = []
         for way in (turned, turned[::-1, ::-1]):
@@ -298,15 +263,23 @@ def test_bayer_does_not_shift_the_image() -> None:
             change.append(out - way[4:-4, 4:-4])
             assert abs(change[-1]).max() <= 1.0
         # Ties between levels round up on both; a shift would be up on one and down on the other.
-        shift = (change[0].mean(axis=(0, 1)) - change[1].mean(axis=(0, 1))) / 2 / steepness
+        shift = (change[0] - change[1]).mean(axis=(0, 1)) / 2 / np.gradient(ramp).mean()
         # What is left is by chance: on which column of a pair the ramp's steps fall.
         assert abs(shift).max() < 0.06
 
 
-def test_jpeg_gets_better_with_quality() -> None:
-    errors = [deviation(imaged(picture(), jpeg_quality=q), picture()) for q in (10, 50, 80, 95)]
-    assert errors == sorted(errors, reverse=True)
-    assert errors[-1] < 3.0 < errors[0]
+def test_compression_gets_worse_with_its_dial_and_keeps_order_and_odd_sizes() -> None:
+    for dial, values, least in (
+        ("jpeg_quality", (95, 80, 10), 3.0),
+        ("h264_crf", (10, 23, 40), 5.0),
+    ):
+        errors = [deviation(imaged(picture(), **{dial: v}), picture()) for v in values]
+        assert errors == sorted(errors)
+        assert 0.0 < errors[0] < least < errors[-1]
+    images = [grey(level, (45, 63, 3)) for level in (40, 90, 140)]
+    for image, out in zip(images, through_h264(images, 20), strict=True):
+        assert out.shape == through_jpeg(image, 90).shape == (45, 63, 3)
+        assert abs(image.astype(int) - out).max() <= 3
 
 
 @pytest.mark.parametrize("lossy", [{"jpeg_quality": 60}, {"h264_crf": 30}])
@@ -318,33 +291,10 @@ def test_a_cameras_noise_is_compressed_with_the_picture(lossy: dict[str, int]) -
         with closing(sensor.camera) as camera:
             return camera.expose_rest(rest_state(Fingertip()), 1)[0].image
 
-    plain, sent = shot(), shot(**lossy)
+    plain, lost = shot(), shot(**lossy)
     whole = through_jpeg(plain, 60) if "jpeg_quality" in lossy else through_h264([plain], 30)[0]
-    np.testing.assert_array_equal(sent, whole)
-    assert (sent != plain).any()
-
-
-def test_h264_gets_worse_with_crf_and_loses_chroma() -> None:
-    errors = [deviation(imaged(picture(), h264_crf=crf), picture()) for crf in (10, 23, 40)]
-    assert errors == sorted(errors)
-
-    def chroma(image: np.ndarray) -> np.ndarray:
-        return image[..., 0].astype(float) - image[..., 2]
-
-    h264 = imaged(picture(), h264_crf=10)
-    jpeg = imaged(picture(), jpeg_quality=95)
-    own = chroma(picture())
-    assert deviation(chroma(h264), own) > deviation(chroma(jpeg), own)
-    assert abs(imaged(grey(128), h264_crf=10).astype(int) - 128).max() <= 2
-
-
-def test_h264_stream_keeps_order_and_odd_sizes() -> None:
-    images = [grey(level, (45, 63, 3)) for level in (40, 90, 140)]
-    out = through_h264(images, 20)
-    assert [image.shape for image in out] == [(45, 63, 3)] * 3
-    for image, level in zip(out, (40, 90, 140), strict=True):
-        assert abs(image.astype(int) - level).max() <= 3
-    assert through_jpeg(images[0], 90).shape == (45, 63, 3)
+    np.testing.assert_array_equal(lost, whole)
+    assert (lost != plain).any()
 
 
 def test_dust_darkens_and_only_there() -> None:
@@ -353,41 +303,29 @@ def test_dust_darkens_and_only_there() -> None:
         assert light.max() <= 1.001
         assert light.min() < 0.9
     assert 0.0005 < (few < 0.98).mean() < (many < 0.98).mean() < 0.3
-    assert (few[skin_radius() > 1.15] > 0.999).all()
+    assert (few[RADIUS > 1.15] > 0.999).all()
 
 
-def test_specular_spots_saturate() -> None:
+def test_specular_spots_saturate_in_a_ring() -> None:
     image = imaged(grey(90), specular=6)
     white = (image == 255).all(axis=-1)
-    # Six round patches around the middle.
-    count, sizes = patches(white)
+    labels, count = label(white)
     assert count == 6
-    assert sizes.max() < 0.01 * SHAPE[0] * SHAPE[1]
+    assert np.bincount(labels.ravel())[1:].max() < 0.01 * white.size
     assert image.min() == 90
-    assert (skin_radius()[white] < 0.85).all()
-    assert (skin_radius()[white] > 0.4).all()
-
-
-def patches(mask: np.ndarray) -> tuple[int, np.ndarray]:
-    from scipy.ndimage import label
-
-    labels, count = label(mask)
-    return count, np.bincount(labels.ravel())[1:]
+    assert 0.4 < RADIUS[white].min() < RADIUS[white].max() < 0.85
 
 
 def test_seams_are_tinted_fourfold_by_their_strength() -> None:
     tints = [1.0 - gain(seam_tint=strength) for strength in (0.3, 0.6)]
-    assert tints[1][..., 1].max() > 0.1
     np.testing.assert_allclose(tints[1], 2 * tints[0], atol=0.02)
-    # Green loses more than red: pink; half-way between seams nothing is lost.
     seam = tints[1][..., 1] > 0.05
+    # Green loses more than red: pink; half-way between seams nothing is lost.
     assert tints[1][seam][:, 1].mean() > tints[1][seam][:, 0].mean()
-    y, x = np.mgrid[:480, :640]
-    around = np.arctan2(y - MIDDLE[0], x - MIDDLE[1])
-    ring = seam & (skin_radius() > 0.4) & (skin_radius() < 0.95)
-    assert {int(v) for v in np.rint(around[ring] / (np.pi / 2)) % 4} == {0, 1, 2, 3}
-    far = abs(around / (np.pi / 2) - np.rint(around / (np.pi / 2))) > 0.3
-    assert not (ring & far).any()
+    around = np.arctan2(Y - 239.5, X - 319.5) / (np.pi / 2)
+    ring = seam & (RADIUS > 0.4) & (RADIUS < 0.95)
+    assert {int(v) for v in np.rint(around[ring]) % 4} == {0, 1, 2, 3}
+    assert abs(around - np.rint(around))[ring].max() < 0.2
     own = msgspec.structs.replace(
         SENSOR, seams=Seams(count=3, width_mm=0.9, colour=(226, 196, 201))
     )
@@ -396,35 +334,54 @@ def test_seams_are_tinted_fourfold_by_their_strength() -> None:
     assert (three[240, 120:160] == 200).all()
 
 
-@pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
-def test_missing_markers(share: float) -> None:
+def lit(**dials: float) -> np.ndarray:
+    """An even grey skin as seen by a camera of half the pixels with defects, (240, 320, 3)."""
+    image = grey(128, (240, 320, 3))
+    return Imaging(HALF, Defects(**dials), 0).measured(image, 0).astype(float)
+
+
+def test_broad_seams_wander_and_break() -> None:
+    clear = lit()
+    straight = clear - lit(seam_tint=1.0, seam_width_mm=1.0)
+    assert (straight[120, 200:220].max(axis=-1) > 5).all()  # along the x axis
+    bent = clear - lit(seam_tint=1.0, seam_width_mm=1.0, seam_wander_mm=1.5)
+    columns = np.arange(200, 220)
+    middle = [np.average(np.arange(100, 140), weights=bent[100:140, c, 1] + 1e-9) for c in columns]
+    assert abs(np.array(middle) - 119.5).max() > 1.0
+    broken = clear - lit(seam_tint=1.0, seam_width_mm=1.0, seam_gaps=0.7)
+    assert 0.05 < (broken > 5).sum() / (straight > 5).sum() < 0.7
+
+
+def test_glow_clouds_grain_and_threads_have_their_size() -> None:
+    skin = ground_image(HALF)[..., 1] > 0.3
+    inner = np.s_[100:140, 140:180]
+    clear = lit()
+    assert lit(glow=0.3)[inner].mean() > 1.1 * clear[inner].mean()
+    assert lit(glow=0.3)[~skin].mean() < 1.1 * clear[~skin].mean()
+    # Of linear light: sRGB's slope is 1/2.2 of it on a logarithmic scale.
+    grain = np.log(lit(grain=0.05)[skin] / clear[skin])
+    assert grain.std() == pytest.approx(0.05 / 2.2, rel=0.15)
+    clouds = lit(blotches=0.4)[skin]
+    assert clouds.std(axis=0).min() > 3.0
+    assert np.corrcoef(clouds[:, 0], clouds[:, 2])[0, 1] < 0.9  # bluish and brownish
+    threads = clear - lit(threads=8)
+    assert 0.002 < (threads.max(axis=-1) > 8)[skin].mean() < 0.08
+
+
+@pytest.mark.parametrize("share", [0.0, 0.125, 1.0])
+def test_markers_are_missing_or_worn_off(share: float) -> None:
     flaws = Flaws(SENSOR, Defects(missing_markers=share), 7)
     seen = flaws(REST)
     gone = np.isnan(seen.centres).all(axis=-1)
     assert (gone == flaws.missing).all()
     assert gone.sum(axis=1).tolist() == [round(share * 400)] * 2
     assert (seen.centres[~gone] == REST.centres[~gone]).all()
-    if 0.0 < share < 1.0:
-        assert (gone[0] != gone[1]).any()
-    # Nothing is drawn where both are gone, and the others are where they were.
-    image = open_renderer("painter", SENSOR).render(seen)
-    place = np.rint(SENSOR.view.project(REST.centres[1])).astype(int)
-    clear = open_renderer("painter", SENSOR).render(
-        replace(REST, centres=np.full_like(REST.centres, np.nan))
-    )
-    both, neither = gone.all(axis=0), ~gone.any(axis=0)
-    at = image[place[:, 1], place[:, 0]].astype(int)
-    assert (at[both] == clear[place[both, 1], place[both, 0]]).all()
-    assert (at[neither] == picture()[place[neither, 1], place[neither, 0]]).all()
-
-
-@pytest.mark.parametrize("share", [0.0, 0.125, 1.0])
-def test_the_outer_layer_wears_off_where_it_touches(share: float) -> None:
     worn = Flaws(SENSOR, Defects(worn_markers=share), 7).missing
     outer = int(np.argmin(SENSOR.depths))
     assert worn[outer].sum() == round(share * 400)
     assert not worn[1 - outer].any()
     if 0.0 < share < 1.0:
+        assert (gone[0] != gone[1]).any()
         theta = SENSOR.places[:, 0]
         # A smooth edge has every worn marker nearer than every other; a ragged one nearly.
         edge = np.sort(theta)[worn[outer].sum()]
@@ -434,37 +391,22 @@ def test_the_outer_layer_wears_off_where_it_touches(share: float) -> None:
         assert (Flaws(SENSOR, Defects(worn_markers=share), 8).missing != worn).any()
 
 
-def made(sensor: SensorDesign, defects: Defects, seed: int) -> Membrane:
+def made(sensor: SensorDesign, seed: int, **dials: float) -> Membrane:
     """Resting markers of a specimen."""
-    flaws = Flaws(sensor, defects, seed)
+    flaws = Flaws(sensor, Defects(**dials), seed)
     return flaws(rest_membrane(sensor, flaws.places))
 
 
-def flaws_of(misplacement: float, misalignment: float) -> Defects:
-    return Defects(misplacement_mm=misplacement, misalignment_mm=misalignment)
-
-
-def yellow_centroid(membrane: Membrane, only: int) -> np.ndarray:
-    """Where the image shows one yellow marker [px]."""
-    painter = open_renderer("painter", SENSOR)
-    centres = np.full_like(membrane.centres, np.nan)
-    clear = decode_srgb(painter.render(replace(membrane, centres=centres)))[..., 2]
-    centres[1, only] = membrane.centres[1, only]
-    dark = clear - decode_srgb(painter.render(replace(membrane, centres=centres)))[..., 2]
-    y, x = np.mgrid[:480, :640]
-    return np.array([(dark * x).sum(), (dark * y).sum()]) / dark.sum()
-
-
-def test_misalignment_shifts_yellow_in_the_image() -> None:
-    """Near the apex by focal · shift / distance of the layer from the camera."""
+def test_misalignment_turns_the_yellow_layer() -> None:
     apex = int(np.argmin(np.hypot(*REST.centres[1, :, :2].T)))
+    directions = []
     for seed in (0, 1):
-        seen = made(SENSOR, Defects(misalignment_mm=0.2), seed)
+        seen = made(SENSOR, seed, misalignment_mm=0.2)
         np.testing.assert_allclose(seen.centres[0], REST.centres[0], atol=1e-15)
-        shift = yellow_centroid(seen, apex) - yellow_centroid(REST, apex)
-        assert np.hypot(*shift) == pytest.approx(152.8 * 0.2 / 7.0, rel=0.02)
-        # A rigid turn of the layer: it stays on its ball, and distances stay, but for d²/r.
         moved = seen.centres[1] - REST.centres[1]
+        directions.append(np.arctan2(*moved[apex, :2]))
+        assert np.linalg.norm(moved[apex]) == pytest.approx(0.2e-3, rel=0.02)
+        # A rigid turn of the layer: it stays on its ball, and distances stay, but for d²/r.
         assert np.linalg.norm(seen.centres[1], axis=-1) == pytest.approx(7e-3)
         assert np.linalg.norm(moved, axis=-1).max() <= 0.2e-3 * np.sqrt(2) + 1e-12
         before, after = (
@@ -472,28 +414,23 @@ def test_misalignment_shifts_yellow_in_the_image() -> None:
             for c in (REST.centres, seen.centres)
         )
         assert abs(after - before).max() < 2 * 0.2e-3**2 / 7e-3
+    assert abs(np.diff(directions)) > 0.1
 
 
 def test_misalignment_of_a_pad_is_a_shift_and_a_turn() -> None:
-    values = msgspec.to_builtins(SENSOR)
-    values["skin"] = {"shape": "pad", "side_mm": 16.0, "thickness_mm": 3.0}
-    values["layout"] = {"kind": "grid", "rows": 11, "columns": 11, "pitch_mm": 1.2}
-    values["camera"] |= {"position_mm": -12.0}
-    values["seams"] = values["silicone"] = None
-    pad = convert(values, SensorDesign, "a pad")
-    rest = MembraneMap(pad, 11)(np.zeros((11, 2)))
-    moved = made(pad, Defects(misalignment_mm=0.1), 2).centres[1] - rest.centres[1]
+    pad = load_sensor("flat-2019")
+    rest = rest_membrane(pad).centres[1]
+    moved = made(pad, 2, misalignment_mm=0.1).centres[1] - rest
     assert abs(moved[:, 2]).max() < 1e-12
     assert np.hypot(*moved.mean(axis=0)[:2]) == pytest.approx(1e-4, rel=1e-6)
     around = moved - moved.mean(axis=0)
-    turn = np.cross(rest.centres[1], around)[:, 2] / (rest.centres[1] ** 2)[:, :2].sum(axis=-1)
-    turn = turn[np.isfinite(turn) & (np.hypot(*rest.centres[1, :, :2].T) > 1e-4)]
+    turn = np.cross(rest * [1.0, 1.0, 0.0], around)[:, 2] / (rest**2)[:, :2].sum(axis=-1)
     np.testing.assert_allclose(turn, turn[0], rtol=1e-4)
-    assert 0.0 < abs(turn[0]) * 8e-3 <= 1e-4
+    assert 0.0 < abs(turn[0]) * pad.shape.half <= 1e-4
 
 
 def test_misplacement_scatters_along_the_skin() -> None:
-    moved = made(SENSOR, Defects(misplacement_mm=0.05), 3).centres - REST.centres
+    moved = made(SENSOR, 3, misplacement_mm=0.05).centres - REST.centres
     assert np.linalg.norm(moved + REST.centres, axis=-1) == pytest.approx(
         np.linalg.norm(REST.centres, axis=-1)
     )
@@ -502,26 +439,60 @@ def test_misplacement_scatters_along_the_skin() -> None:
     assert abs(np.corrcoef(moved[0].ravel(), moved[1].ravel())[0, 1]) < 0.15
 
 
+def test_each_gore_is_out_of_register_by_itself() -> None:
+    moved = made(SENSOR, 1, gore_misalignment_mm=0.3).centres - REST.centres
+    assert abs(moved[0]).max() < 1e-12
+    near = SENSOR.places[:, 0] < 0.9  # where a turn of the layer is nearly a shift
+    quarter = np.floor(np.mod(SENSOR.places[:, 1], 2 * np.pi) / (np.pi / 2)).astype(int)
+    shifts = [moved[1, near & (q == quarter)].mean(axis=0)[:2] for q in range(4)]
+    sizes = np.hypot(*np.transpose(shifts))
+    assert 0.2e-3 < sizes.max() < 0.42e-3
+    assert sizes.min() < 0.1 * sizes.max()
+    angles = np.arctan2(*np.transpose(shifts))
+    assert np.ptp(angles) > 0.3
+
+
+def test_crooked_markers_stay_pairs() -> None:
+    moved = made(SENSOR, 3, crookedness_mm=0.05).centres - REST.centres
+    assert (moved[0] ** 2).sum() / 800 == pytest.approx(0.05e-3**2, rel=5 * np.sqrt(2 / 800))
+    # Both layers by the same way, but for their places on balls of two sizes.
+    np.testing.assert_allclose(moved[0], moved[1], atol=0.3 * 0.05e-3)
+
+
+def test_rubbed_markers_lose_a_part_of_their_area_inside_their_outline() -> None:
+    whole, rubbed = REST, made(SENSOR, 3, rubbed_markers=0.5)
+    areas = [
+        np.linalg.norm(np.cross(m.axes[..., 0], m.axes[..., 1]), axis=-1) for m in (whole, rubbed)
+    ]
+    left = areas[1] / areas[0]
+    assert (left < 0.999).mean() == pytest.approx(0.5, abs=0.06)
+    assert 0.35 <= left.min() <= left[left < 0.999].max() <= 0.8
+    # What is left is still within the former outline.
+    away = np.linalg.norm(rubbed.centres - whole.centres, axis=-1)
+    radius = np.linalg.norm(whole.axes[..., 0], axis=-1)
+    assert (away <= radius * (1.0 - left) + 1e-12).all()
+
+
 def test_flaws_move_with_the_skin() -> None:
     """A marker beside its place goes where the skin there goes: swollen skin moves them apart."""
-    flaws = Flaws(SENSOR, flaws_of(0.05, 0.1), 3)
+    flaws = Flaws(SENSOR, Defects(misplacement_mm=0.05, misalignment_mm=0.1), 3)
     angle = np.linspace(-np.pi / 2, np.pi / 2, 251)
     swollen = 0.1 * 8e-3 * np.column_stack([np.sin(angle), np.cos(angle)])
     swollen[[0, -1]] = 0.0  # held
-    here = MembraneMap(SENSOR, 251, flaws.places)(swollen).centres - MEMBRANE(swollen).centres
-    at_rest = made(SENSOR, flaws_of(0.05, 0.1), 3).centres - REST.centres
+    here, whole = (MembraneMap(SENSOR, 251, p)(swollen).centres for p in (flaws.places, None))
+    at_rest = flaws(rest_membrane(SENSOR, flaws.places)).centres - REST.centres
     inner = REST.centres[0, :, 2] > 1e-3  # off the rim, which is held
     for layer, (depth, follow) in enumerate(zip(SENSOR.depths, SENSOR.follow, strict=True)):
         grown = 1.0 + follow * 0.1 * 8e-3 / (8e-3 - depth)
         np.testing.assert_allclose(
-            here[layer, inner], grown * at_rest[layer, inner], atol=2e-7, rtol=1e-3
+            (here - whole)[layer, inner], grown * at_rest[layer, inner], atol=2e-7, rtol=1e-3
         )
 
 
 def test_no_dial_changes_what_another_draws() -> None:
-    both = made(SENSOR, flaws_of(0.05, 0.1), 3).centres
-    one = made(SENSOR, flaws_of(0.05, 0.0), 3).centres
-    other = made(SENSOR, flaws_of(0.0, 0.1), 3).centres
+    both = made(SENSOR, 3, misplacement_mm=0.05, misalignment_mm=0.1).centres
+    one = made(SENSOR, 3, misplacement_mm=0.05).centres
+    other = made(SENSOR, 3, misalignment_mm=0.1).centres
     # But for what the ball's curvature adds to two small steps on it.
     np.testing.assert_allclose(both, one + other - REST.centres, atol=0.3e-3**2 / 7e-3)
     alone = Flaws(SENSOR, Defects(missing_markers=0.1), 3).missing
@@ -529,99 +500,85 @@ def test_no_dial_changes_what_another_draws() -> None:
 
 
 def test_order_of_calls_does_not_matter() -> None:
-    first, second = (Imaging(SENSOR, EVERYTHING, 9) for _ in range(2))
-    exposures = [picture()] * len(shutter_times(EVERYTHING, 0.02))
-    forwards = [sent(first, exposures, index) for index in (0, 1, 50)]
-    backwards = [sent(second, exposures, index) for index in (50, 1, 0)][::-1]
+    first, second = (Imaging(SMALL, EVERYTHING, 9) for _ in range(2))
+    image = open_renderer("painter", SMALL).render(REST)
+    exposures = [image] * len(shutter_times(EVERYTHING, 0.02))
+    forwards = [sent(first, exposures, index) for index in (0, 50)]
+    backwards = [sent(second, exposures, index) for index in (50, 0)][::-1]
     for one, other in zip(forwards, backwards, strict=True):
         assert (one == other).all()
     assert (forwards[0] != forwards[1]).any()
-    assert (sent(Imaging(SENSOR, EVERYTHING, 8), exposures, 0) != forwards[0]).any()
-    last = sent(Imaging(SENSOR, EVERYTHING, 9), exposures, 2**32 - 1)
-    assert last.shape == SHAPE
-    assert (exposures[0] == picture()).all()
+    assert (sent(Imaging(SMALL, EVERYTHING, 8), exposures, 0) != forwards[0]).any()
 
 
-@pytest.mark.parametrize(
-    ("values", "sentence"),
-    [
+def test_an_impossible_or_unknown_dial_is_one_sentence() -> None:
+    values: dict[str, Any]
+    for values, sentence in (
         ({"vignette": 1.5}, "defects: vignette = 1.5: expected a number <= 1.0"),
-        ({"jpeg_quality": 101}, "defects: jpeg_quality = 101: expected a whole number <= 100"),
         ({"drift_frames": 0}, "defects: drift_frames = 0: expected a whole number >= 1"),
-        ({"bayer": "yes"}, "defects: bayer = 'yes': expected true or false, got text"),
-        ({"dust": -1}, "defects: dust = -1: expected a whole number >= 0"),
-    ],
-)
-def test_an_impossible_dial_is_one_sentence(values: dict[str, object], sentence: str) -> None:
-    with pytest.raises(ValueError, match="defects") as caught:
-        convert(values, Defects, "defects")
-    assert str(caught.value).replace("`", "") == sentence
-
-
-def test_an_unknown_dial_is_named() -> None:
-    with pytest.raises(
-        ValueError,
-        match=r"defects: unknown key dusty \(did you mean dust\?\); allowed here: shot_noise",
+        ({"dusty": 3}, "defects: unknown key dusty (did you mean dust?); allowed here: shot_noise"),
     ):
-        convert({"dusty": 3}, Defects, "defects")
+        with pytest.raises(ValueError, match="defects") as caught:
+            convert(values, Defects, "defects")
+        assert str(caught.value).replace("`", "").startswith(sentence)
 
 
-def small() -> SensorDesign:
-    """The thesis' fingertip in an image of odd size."""
-    settings = msgspec.structs.replace(
-        SENSOR.camera, width_px=121, height_px=93, focal_px=(28.0, 28.0)
-    )
-    return msgspec.structs.replace(SENSOR, camera=settings)
+def dial(kind: Any) -> st.SearchStrategy[Any]:
+    """Values of a dial within its limits, and often at its lower one, which is off."""
+    match kind:
+        case BoolType():
+            return st.booleans()
+        case IntType(ge=low, le=high):
+            return st.just(low) | st.integers(low, min(high, 51))
+        case FloatType(ge=low, le=high):
+            return st.just(low) | st.floats(low, high)
+    raise TypeError(kind)
 
 
-SMALL = small()
-SHARE = st.one_of(st.just(0.0), st.floats(0.0, 1.0))
+KINDS = type_info(Defects)
+assert isinstance(KINDS, StructType)
 
 
-@settings(max_examples=60, derandomize=True)
+@settings(max_examples=12, derandomize=True)
 @given(
-    defects=st.builds(
-        Defects,
-        shot_noise_electrons=st.one_of(st.just(0.0), st.floats(1.0, 1e6)),
-        read_noise_electrons=st.one_of(st.just(0.0), st.floats(0.0, 1e6)),
-        vignette=SHARE,
-        uneven_leds=SHARE,
-        defocus_px=st.one_of(st.just(0.0), st.floats(0.0, 20.0)),
-        motion_blur=SHARE,
-        white_balance_drift=st.floats(0.0, 0.5),
-        drift_frames=st.integers(1, 10**6),
-        gain_step=SHARE,
-        gain_step_frames=st.integers(1, 10**6),
-        bayer=st.booleans(),
-        jpeg_quality=st.integers(0, 100),
-        h264_crf=st.one_of(st.just(0), st.integers(1, 51)),
-        dust=st.integers(0, 30),
-        specular=st.integers(0, 10),
-        missing_markers=SHARE,
-        worn_markers=SHARE,
-        seam_tint=SHARE,
-        misalignment_mm=st.floats(0.0, 2.0),
-        misplacement_mm=st.floats(0.0, 2.0),
-        crookedness_mm=st.floats(0.0, 2.0),
-        gore_misalignment_mm=st.floats(0.0, 2.0),
-        rubbed_markers=SHARE,
-        seam_width_mm=st.floats(0.0, 10.0),
-        seam_wander_mm=st.floats(0.0, 10.0),
-        seam_gaps=SHARE,
-        glow=SHARE,
-        blotches=st.floats(0.0, 0.5),
-        grain=st.floats(0.0, 0.5),
-        threads=st.integers(0, 5),
-    ),
+    defects=st.builds(Defects, **{field.name: dial(field.type) for field in KINDS.fields}),
     seed=st.integers(0, 2**63),
     index=st.integers(0, 2**32 - 1),
 )
-def test_any_dials_give_an_image_again_and_again(defects: Defects, seed: int, index: int) -> None:
-    results = []
-    for _ in range(2):
-        ideal = open_renderer("painter", SMALL).render(made(SMALL, defects, seed))
-        exposures = [ideal] * len(shutter_times(defects, 0.02))
-        results.append(sent(Imaging(SMALL, defects, seed), exposures, index))
-    assert results[0].shape == (93, 121, 3)
-    assert results[0].dtype == np.uint8
-    assert (results[0] == results[1]).all()
+def test_any_dials_give_an_image(defects: Defects, seed: int, index: int) -> None:
+    flaws = Flaws(SMALL, defects, seed)
+    with closing(open_renderer("painter", SMALL)) as painter:
+        ideal = painter.render(flaws(rest_membrane(SMALL, flaws.places)))
+    exposures = [ideal] * len(shutter_times(defects, 0.02))
+    result = sent(Imaging(SMALL, defects, seed), exposures, index)
+    assert (result.shape, result.dtype) == ((93, 121, 3), np.uint8)
+
+
+@pytest.mark.stages
+def test_the_built_dome_looks_like_the_real_one() -> None:
+    """Specimens that no dial was set by; two of fifteen statistics may be an unusual one's."""
+    from benchmarks.render.looks import built_dome, likenesses, look_of_built
+
+    for seed in (11, 12):
+        alike = likenesses(look_of_built(seed))
+        assert sum(alike.values()) >= len(alike) - 2
+    assert (abs(built_dome(11).astype(int) - built_dome(12)) > 30).any(axis=-1).mean() > 0.1
+
+
+def test_a_scene_has_its_sensors_defects_and_its_own() -> None:
+    built = load_sensor("dome-2020").defects
+    scene = load_scene("thesis", {"sensor": "dome-2020", "defects.threads": 0, "defects.dust": 9})
+    assert scene.defects == msgspec.structs.replace(built, threads=0, dust=9)
+    assert load_scene("thesis").defects == Defects()
+    # Written and read again nothing is added.
+    assert parse_scene(msgspec.to_builtins(scene), "again") == scene
+
+
+def test_the_rim_hides_what_is_beyond() -> None:
+    sensor = load_sensor("dome-2020")
+    ground = ground_image(sensor)
+    y, x = np.mgrid[: sensor.view.height, : sensor.view.width]
+    away = np.hypot(x - 143.5, y - 143.5)
+    rim = 126.0 * np.deg2rad(62.0)
+    assert ground[away > rim + 2].max() < 0.01
+    assert ground[away < rim - 2].min() > 0.1

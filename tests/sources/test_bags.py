@@ -12,7 +12,6 @@ from chromagrip import UserError
 from chromagrip.sources import Source, open_source
 
 rosbags = pytest.importorskip("rosbags")
-from mcap.writer import Writer as McapWriter  # noqa: E402
 from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
 
@@ -80,13 +79,11 @@ def test_folder_and_file_are_the_same(storage: StoragePlugin, tmp_path: Path) ->
     alone.write_bytes(file.read_bytes())
     for path in (folder, alone):
         source = open_source(str(path))
-        assert (source.count, source.timed, source.live) == (4, True, False)
+        assert (source.count, source.lossy) == (4, False)
         assert source.fps == pytest.approx(1.0)  # of the log
-        assert not source.lossy
         pictures, times = read(source)
         np.testing.assert_array_equal(pictures, PICTURES)
         assert times == pytest.approx([0.0, 0.1, 0.2, 0.3])
-    np.testing.assert_array_equal(read(source)[0], PICTURES)  # again from the first one
 
 
 @pytest.mark.parametrize("encoding", [*COLUMNS, "mono8"])
@@ -94,7 +91,6 @@ def test_encodings_with_longer_rows(encoding: str, tmp_path: Path) -> None:
     pictures, _ = read(open_source(str(bag(tmp_path / "bag", image=images(encoding, pad=5)))))
     wanted = PICTURES[..., :1].repeat(3, axis=-1) if encoding == "mono8" else PICTURES
     np.testing.assert_array_equal(pictures, wanted)
-    assert pictures.flags.writeable
 
 
 def test_compressed_pictures(tmp_path: Path) -> None:
@@ -117,93 +113,47 @@ def test_times_are_those_of_the_log_where_no_stamp_is(tmp_path: Path) -> None:
 
 def test_one_of_several_topics(tmp_path: Path) -> None:
     folder = bag(tmp_path / "bag", left=images(), right=images("bgr8")[1:])
-    for words in ("(topic=/finger/right)", '(topic = "/finger/right")'):
-        source = open_source(f"{folder}{words}")
-        np.testing.assert_array_equal(read(source)[0], PICTURES[1:])
-        assert source.name == f"{folder}{words}"
+    source = open_source(f'{folder}(topic = "/finger/right")')
+    np.testing.assert_array_equal(read(source)[0], PICTURES[1:])
 
 
-def broken(tmp_path: Path, change: Callable[[bytes], bytes]) -> Path:
-    (file,) = bag(tmp_path / "whole", image=images()).glob("*.mcap")
-    path = tmp_path / "bag.mcap"
-    path.write_bytes(change(file.read_bytes()))
-    return path
+def one(folder: Path, message: Any, **changes: Any) -> Path:
+    """Bag of one message with other values."""
+    for name, value in changes.items():
+        object.__setattr__(message, name, value)
+    return bag(folder / "bag", image=[(1.0, message)])
 
 
-def of_foxglove(folder: Path) -> Path:
-    path = folder / "foxglove.mcap"
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start()
-        schema = writer.register_schema("foxglove.CompressedImage", "protobuf", b"")
-        channel = writer.register_channel("/camera", "protobuf", schema)
-        writer.add_message(channel, log_time=1, data=b"\x01", publish_time=1)
-        writer.finish()
-    return path
+def changed(**changes: Any) -> Callable[[Path], Path]:
+    return lambda folder: one(folder, raw(PICTURES[0], "rgb8", 1.0), **changes)
 
 
-def with_message(change: dict[str, Any]) -> Callable[[Path], str]:
-    def make(folder: Path) -> str:
-        message = raw(PICTURES[0], "rgb8", 1.0)
-        for name, value in change.items():
-            object.__setattr__(message, name, value)
-        return str(bag(folder / "bag", image=[(1.0, message)]))
-
-    return make
+def left(words: str = "", **more: Messages) -> Callable[[Path], str]:
+    return lambda folder: f"{bag(folder / 'bag', left=images(), **more)}{words}"
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (
-            lambda folder: bag(folder / "bag", left=images(), right=images()),
-            r"has pictures in /finger/left, /finger/right; give one .*\(topic=/finger/left\)$",
-        ),
-        (
-            lambda folder: f"{bag(folder / 'bag', left=images())}(topic=/finger/lef)",
-            r"no pictures in topic /finger/lef \(did you mean /finger/left\?\); they are in",
-        ),
-        (
-            lambda folder: f"{bag(folder / 'bag', left=images())}(topik=/finger/left)",
-            r"has no argument topik \(did you mean topic\?\); it has topic",
-        ),
-        (
-            lambda folder: bag(folder / "bag", info=[(1.0, stamped(0.0))]),
-            r"has no pictures \(sensor_msgs/msg/Image or .*\); it has /finger/info \(std_msgs",
-        ),
-        (of_foxglove, r"cannot be read as a ROS 2 bag: ReaderError: Profile is not ros2"),
-        (lambda folder: broken(folder, lambda data: data[:400]), "cannot be read as a ROS 2 bag"),
-        (lambda folder: broken(folder, lambda data: b""), "cannot be read as a ROS 2 bag"),
-        (
-            lambda folder: broken(folder, lambda data: data.replace(b"rgb8", b"rgbX")),
-            "encoding rgbX; wanted: rgb8, bgr8, mono8, rgba8, bgra8",
-        ),
-        (with_message({"encoding": "16UC1"}), "encoding 16UC1; wanted: rgb8"),
-        (with_message({"step": 5}), r"has 162 bytes for 9×6 pixels of rgb8 in rows of 5"),
-        (with_message({"height": 7}), r"has 162 bytes for 9×7 pixels"),
-        (with_message({"width": 10**6, "height": 10**6}), "megapixels; allowed: 64"),
-        (
-            lambda folder: bag(
-                folder / "bag",
-                image=[(1.0, compressed(PICTURES[0].astype(np.uint16), "png", 1.0))],
-            ),
-            "has uint16 values from .* --value-range",
-        ),
-        (
-            lambda folder: bag(
-                folder / "bag",
-                image=[(1.0, TYPES[COMPRESSED](stamped(1.0), "h264", np.zeros(9, np.uint8)))],
-            ),
-            "message 0 of /finger/image in .* is cut off, or not a jpeg or png file",
-        ),
+        (left(right=images()), r"has pictures in /finger/left, /finger/right; give one .*left\)$"),
+        (left("(topic=/finger/lef)"), r"no pictures in topic /finger/lef \(did you mean /finger/l"),
+        (left("(topik=/finger/left)"), r"has no argument topik \(did you mean topic\?\); it has"),
+        (lambda folder: bag(folder / "bag", info=[(1.0, stamped(0.0))]),
+         r"has no pictures \(sensor_msgs/msg/Image or .*\); it has /finger/info \(std_msgs"),
+        (changed(encoding="16UC1"), "encoding 16UC1; wanted: rgb8, bgr8, mono8, rgba8, bgra8"),
+        (changed(height=7), r"has 162 bytes for 9×7 pixels"),
+        (changed(width=10**6, height=10**6), "megapixels; allowed: 64"),
+        (lambda folder: one(folder, compressed(PICTURES[0].astype(np.uint16), "png", 1.0)),
+         "has uint16 values from .* --value-range"),
+        (lambda folder: one(folder, compressed(PICTURES[0], "png", 1.0), data=np.zeros(9, "u1")),
+         "message 0 of /finger/image in .* is cut off, or not a jpeg or png file"),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_bag_of_pictures_is_one_sentence(
     make: Callable[[Path], object], words: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(UserError, match=words) as caught:
+    with pytest.raises(UserError, match=words):
         next(open_source(str(make(tmp_path))).frames())
-    assert "\n" not in str(caught.value)
 
 
 def test_a_bag_that_is_cut_in_the_middle_gives_what_it_has(tmp_path: Path) -> None:

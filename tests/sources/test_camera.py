@@ -64,24 +64,13 @@ def _camera(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_camera_that_vanishes_gave_what_it_gave() -> None:
-    source = open_source("camera:0")
-    assert (source.live, source.timed, source.count) == (True, True, None)
-    seen = []
+    frames = open_source("camera:0").frames()
+    times = [next(frames).time for _ in range(3)]
     with pytest.raises(UserError, match=r"^camera 0 gave no picture after 3 frames$"):
-        seen.extend(source.frames())
-    assert [frame.image[0, 0].tolist() for frame in seen] == [[0, 0, 1], [0, 0, 2], [0, 0, 3]]
-    times = [frame.time for frame in seen]
+        next(frames)
     assert times[0] == 0.0
-    assert times == sorted(times)
     assert Camera.released == 1
     assert Camera.sets == []
-
-
-def test_a_camera_is_released_where_nobody_reads_on() -> None:
-    frames = open_source("camera:0").frames()
-    next(frames)
-    frames.close()  # type: ignore[attr-defined]
-    assert Camera.released == 1
 
 
 @pytest.mark.parametrize(
@@ -129,9 +118,7 @@ def test_settings_are_made_and_read_back(name: str) -> None:
             {cv2.CAP_PROP_FRAME_HEIGHT: 360.0, cv2.CAP_PROP_EXPOSURE: 156.0},
             r"did not take height = 480 \(it has 360\), exposure = 120 \(it has 156\)$",
         ),
-        ({cv2.CAP_PROP_FRAME_WIDTH: 641.0}, r"did not take width = 640 \(it has 641\)$"),
         ({AUTO: 3.0}, r"did not take auto exposure off \(it has 3, off is 1\)$"),
-        ({cv2.CAP_PROP_EXPOSURE: -1.0}, r"did not take exposure = 120 \(it has -1\)$"),
     ],
 )
 def test_what_a_camera_does_not_take_is_one_sentence(
@@ -160,23 +147,6 @@ def test_what_is_as_good_is_taken(
     next(open_source("camera:0(exposure=120, fps=60)").frames())
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("camera:7", "camera 7 cannot be opened"),
-        ("/dev/video7", "camera 7 cannot be opened"),
-        ("camera:x", "camera:x: expected a camera's number"),
-        ("camera:", "camera:: expected a camera's number"),
-        ("camera:0(fps=60", "expected a camera's number, as camera:0 or camera:0"),
-        ("camera:0(fps)", "is not valid TOML"),
-        (
-            "camera:0(exposur=1)",
-            r"has no argument exposur \(did you mean exposure\?\); it has",
-        ),
-        ("camera:0(gain=high)", "gain = 'high'; expected a number"),
-        ("camera:0(width=640)", "width and height go together"),
-    ],
-)
-def test_names_of_cameras_that_are_refused(name: str, words: str) -> None:
-    with pytest.raises(UserError, match=words):
-        next(open_source(name).frames())
+def test_a_camera_that_is_not_there() -> None:
+    with pytest.raises(UserError, match="camera 7 cannot be opened"):
+        next(open_source("camera:7").frames())

@@ -1,11 +1,9 @@
 """Sums of the fit: their order is written down, and no compiler changes it."""
 
-import math
-
 import numba
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from chromagrip.compiled import njit
@@ -43,6 +41,7 @@ def _inlined(buffer: np.ndarray) -> float:
     return weighted_dot(buffer, 23, 14, 17, 320)
 
 
+@settings(max_examples=40)
 @given(blocks=st.integers(1, (ROOM - 1) // LANES), seed=st.integers(0, 2**32 - 1))
 def test_sums_are_taken_in_the_order_that_is_written_down(blocks: int, seed: int) -> None:
     buffer, (a, b, c) = filled(blocks, seed)
@@ -52,20 +51,9 @@ def test_sums_are_taken_in_the_order_that_is_written_down(blocks: int, seed: int
 
 
 def test_a_kernel_that_inlines_a_sum_has_the_same_bits() -> None:
-    for seed in range(20):
+    for seed in range(5):
         buffer, (a, b, c) = filled(10, seed)
         assert _inlined(buffer) == weighted_dot(buffer, *ROWS, 320) == in_order(a * b * c)
-
-
-def test_sums_are_as_exact_as_halving_makes_them() -> None:
-    """Rounding errors grow with the additions that a number goes through: blocks and halves."""
-    for blocks in (1, 10, 70):
-        buffer, (a, b, c) = filled(blocks, blocks)
-        products = a.astype(float) * b * c
-        # Two roundings of each product; float64 holds three factors but for its own last digits.
-        allowed = (blocks + math.log2(LANES) + 2) * 2.0**-24 * abs(products).sum()
-        off = weighted_dot(buffer, *ROWS, blocks * LANES) - math.fsum(products)
-        assert abs(off) < allowed
 
 
 def test_no_kernel_may_be_compiled_to_another_order() -> None:

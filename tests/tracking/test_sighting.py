@@ -11,79 +11,53 @@ from scipy.spatial import KDTree
 
 from chromagrip.errors import UserError
 from chromagrip.render import add_noise, load_sensor, open_renderer
-from chromagrip.render.colour import encode_srgb
 from chromagrip.render.membrane import rest_membrane
 from chromagrip.tracking import check_told_apart, detect_markers, learn_palette, sight
 from chromagrip.tracking.sighting import SightSettings
 
-WIDTH, HEIGHT = 400, 300
+from ..pictures.drawn_dots import covered, levels, spread
+
+SIZE = WIDTH, HEIGHT = 400, 300
+Light = tuple[float, float, float]
 
 
-def grid(pitch: float, jitter: float = 0.08, reach: float = 125.0) -> np.ndarray:
+def grid(pitch: float, reach: float = 125.0) -> np.ndarray:
     """Places on a disturbed grid in a disc around the middle [px], shape (n, 2)."""
-    x, y = np.meshgrid(np.arange(pitch, WIDTH, pitch), np.arange(pitch, HEIGHT, pitch))
-    places = np.stack([x.ravel(), y.ravel()], axis=-1)
-    places = places + np.random.default_rng(3).uniform(-jitter, jitter, places.shape) * pitch
-    middle = np.array([WIDTH / 2, HEIGHT / 2])
-    return places[np.linalg.norm(places - middle, axis=1) < reach - pitch / 2]
-
-
-def covered(places: np.ndarray, radii: np.ndarray | float, blur: float = 0.8) -> np.ndarray:
-    """Share of each pixel that discs cover, (H, W)."""
-    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(float)
-    away, number = KDTree(places).query(np.stack([x, y], axis=-1))
-    radius = np.broadcast_to(radii, len(places))[number]
-    return np.asarray(0.5 - 0.5 * np.tanh((away - radius) / blur))
-
-
-def pictured(linear: np.ndarray, noise: float = 1.5) -> np.ndarray:
-    levels = encode_srgb(np.clip(linear, 0.0, 1.0))
-    levels = levels + np.random.default_rng(8).normal(0.0, noise, linear.shape)
-    return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+    places = spread(*SIZE, pitch, 3)
+    return places[np.linalg.norm(places - np.array(SIZE) / 2, axis=1) < reach - pitch / 2]
 
 
 def dotted(
     places: np.ndarray,
     radii: np.ndarray | float = 6.0,
-    ground: tuple[float, float, float] = (0.6, 0.6, 0.6),
-    marker: tuple[float, float, float] = (0.1, 0.1, 0.1),
-    around: tuple[float, float, float] | None = None,
+    ground: Light = (0.6, 0.6, 0.6),
+    marker: Light = (0.1, 0.1, 0.1),
+    around: Light | None = None,
 ) -> np.ndarray:
     """Discs on shaded ground within a disc of 135 px; outside it the surround, if there is one."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     shade = 1.0 - 0.4 * np.hypot(x - 150, y - 100) / 300
-    cover = covered(places, radii)[..., None]
+    cover = covered(SIZE, places, np.broadcast_to(radii, len(places)), 0.8)[..., None]
     linear = shade[..., None] * (np.array(ground) * (1 - cover) + np.array(marker) * cover)
     if around is not None:
         linear[np.hypot(x - WIDTH / 2, y - HEIGHT / 2) > 135] = around
-    return pictured(linear)
+    return levels(linear)
 
 
-Light = tuple[float, float, float]
-AROUND: tuple[Light | None, ...] = (
-    None, (0.0, 0.0, 0.0), (0.95, 0.95, 0.95), (0.3, 0.05, 0.05),
-)  # fmt: skip
-#: Light of the ground and of the markers.
-COLOURS: tuple[tuple[Light, Light], ...] = (
-    ((0.6, 0.6, 0.6), (0.1, 0.1, 0.1)),
-    ((0.04, 0.04, 0.04), (0.5, 0.5, 0.5)),
-    ((0.0, 0.0, 0.08), (0.7, 0.8, 0.9)),  # a channel without any light between markers
-    ((1.0, 0.7, 0.5), (1.0, 0.1, 0.4)),  # a channel at its highest level
-    ((0.5, 0.3, 0.1), (0.05, 0.03, 0.01)),
-)
-#: Every colour in two surrounds, and every surround with two colours or more; the others are slow.
-PICTURED = [
-    pytest.param(*colours, around, marks=() if (k + n) % 4 in (0, 1) else pytest.mark.stages)
-    for k, colours in enumerate(COLOURS)
-    for n, around in enumerate(AROUND)
+#: Light of the ground, of the markers and around the field.
+COLOURS: list[tuple[Light, Light, Light | None]] = [
+    ((0.6, 0.6, 0.6), (0.1, 0.1, 0.1), (0.95, 0.95, 0.95)),
+    ((0.04, 0.04, 0.04), (0.5, 0.5, 0.5), (0.0, 0.0, 0.0)),
+    # A channel without any light between markers.
+    ((0.0, 0.0, 0.08), (0.7, 0.8, 0.9), (0.3, 0.05, 0.05)),
+    ((1.0, 0.7, 0.5), (1.0, 0.1, 0.4), None),  # a channel at its highest level
+    ((0.5, 0.3, 0.1), (0.05, 0.03, 0.01), (0.3, 0.05, 0.05)),
 ]
 
 
-@pytest.mark.parametrize(("ground", "marker", "around"), PICTURED)
+@pytest.mark.parametrize(("ground", "marker", "around"), COLOURS)
 def test_markers_of_any_colour_on_any_ground_in_any_surround_are_found(
-    ground: tuple[float, float, float],
-    marker: tuple[float, float, float],
-    around: tuple[float, float, float] | None,
+    ground: Light, marker: Light, around: Light | None
 ) -> None:
     places = grid(24.0)
     image = dotted(places, ground=ground, marker=marker, around=around)
@@ -93,15 +67,14 @@ def test_markers_of_any_colour_on_any_ground_in_any_surround_are_found(
     assert seen.radius == pytest.approx(6.0, rel=0.15)
     x, y = np.rint(places).astype(int).T
     assert seen.field[y, x].all()
-    corner = np.s_[:20, :20]
-    assert not seen.field[corner].any()
+    assert not seen.field[:20, :20].any()
     (found,) = detect_markers(image, learn_palette(image, seen))
     away, number = KDTree(places).query(found.position)
     assert sorted(number) == list(range(len(places)))
     assert np.max(away) < 0.6
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6)
 @given(
     pitch=st.floats(14.0, 60.0),
     share=st.floats(0.17, 0.28),
@@ -112,9 +85,8 @@ def test_sizes_may_scatter_by_a_factor_of_two(
     pitch: float, share: float, scatter: float, seed: int
 ) -> None:
     places = grid(pitch, reach=145.0)
-    spread = np.random.default_rng(seed).uniform(-scatter, scatter, len(places))
-    radii = np.maximum(pitch * share * np.exp(spread), 2.5)
-    seen = sight(dotted(places, radii))
+    factors = np.exp(np.random.default_rng(seed).uniform(-scatter, scatter, len(places)))
+    seen = sight(dotted(places, np.maximum(pitch * share * factors, 2.5)))
     missed = KDTree(seen.position).query(places)[0] > 0.2 * pitch
     assert missed.sum() <= max(1.0, 0.02 * len(places))
     assert len(seen.position) < 1.02 * len(places)
@@ -122,14 +94,14 @@ def test_sizes_may_scatter_by_a_factor_of_two(
     assert seen.field[y, x].all()
 
 
-@settings(max_examples=20)
+@settings(max_examples=3)
 @given(
     radius=st.floats(5.0, 9.0),
     apart=st.floats(2.05, 2.8),
     staggered=st.booleans(),
-    colours=st.sampled_from([COLOURS[0], COLOURS[1], COLOURS[4]]),
+    colours=st.sampled_from([COLOURS[0][:2], COLOURS[1][:2], COLOURS[4][:2]]),
 )
-@example(radius=5.0, apart=2.41796875, staggered=True, colours=COLOURS[0])
+@example(radius=5.0, apart=2.41796875, staggered=True, colours=COLOURS[0][:2])
 def test_the_ground_between_dense_dots_is_not_taken_for_dots(
     radius: float, apart: float, staggered: bool, colours: tuple[Light, Light]
 ) -> None:
@@ -145,16 +117,13 @@ def test_the_ground_between_dense_dots_is_not_taken_for_dots(
     ground, marker = colours
     wide = (apart - 2.0) * radius > 2.0  # between two dots [px], of which the blur leaves little
     image = dotted(places, radius, ground, marker)
-    palette, refusal = learn_palette(image, sight(image)), ""
-    try:
-        dots = detect_markers(image, palette)
-        check_told_apart(dots, palette)
-    except UserError as error:
-        refusal = str(error)
-    if refusal:
-        assert "ground between them" in refusal
-        assert not wide or ground < marker
-        return
+    palette = learn_palette(image, sight(image))
+    if not wide or ground < marker:
+        try:
+            check_told_apart(detect_markers(image, palette), palette)
+        except UserError:
+            return
+    dots = detect_markers(image, palette)
     found = dots[0].position
     wrong = KDTree(places).query(found)[0] > 0.4 * radius
     assert wrong.mean() < 0.2  # two that touch may be taken for one
@@ -191,19 +160,9 @@ def grainy(blur: float) -> np.ndarray:
 def written() -> np.ndarray:
     image = flat(255)
     for row in range(9):
-        words = "the quick brown fox jumps over"
-        place = (5, 30 + 30 * row)
+        words, place = "the quick brown fox jumps over", (5, 30 + 30 * row)
         cv2.putText(image, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.7, (0, 0, 0), 2, cv2.LINE_AA)
     return image
-
-
-def sloped() -> np.ndarray:
-    slope = np.linspace(0.0, 255.0, WIDTH)[None, :, None] * np.ones((HEIGHT, 1, 3))
-    return slope.astype(np.uint8)
-
-
-def few() -> np.ndarray:
-    return dotted(np.array([[100.0, 100.0], [140.0, 100.0], [100.0, 140.0]]))
 
 
 def anywhere() -> np.ndarray:
@@ -217,16 +176,13 @@ def anywhere() -> np.ndarray:
 
 
 NOTHING = {
-    "black": flat(0),
     "grey": flat(128),
-    "white": flat(255),
     "noise": grainy(0.0),
-    "noise of 1 px": grainy(1.0),
     "noise of 3 px": grainy(3.0),
     "noise of 8 px": grainy(8.0),
     "text": written(),
-    "slope": sloped(),
-    "few": few(),
+    "slope": np.linspace(flat(0)[:, 0], flat(255)[:, 0], WIDTH, axis=1).astype(np.uint8),
+    "few": dotted(np.array([[100.0, 100.0], [140.0, 100.0], [100.0, 140.0]])),
     "anywhere": anywhere(),
 }
 
@@ -237,83 +193,61 @@ def test_what_does_not_repeat_like_markers_is_refused(image: np.ndarray) -> None
         sight(image)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 500), (15, 400), (3, 3)])
-def test_a_picture_without_room_for_markers_is_refused(shape: tuple[int, int]) -> None:
-    with pytest.raises(UserError, match="wanted: 16 or more a side"):
-        sight(np.zeros((*shape, 3), np.uint8))
+def test_a_picture_without_room_for_markers_is_refused() -> None:
+    for shape in [(1, 1, 3), (1, 500, 3), (15, 400, 3)]:
+        with pytest.raises(UserError, match="wanted: 16 or more a side"):
+            sight(np.zeros(shape, np.uint8))
 
 
-def test_the_fewest_markers_and_the_edge_of_the_field_are_settings() -> None:
+def test_markers_are_looked_for_where_and_in_what_number_that_is_asked() -> None:
     places = grid(24.0)
-    image = dotted(places)
+    image, half = dotted(places), np.zeros((HEIGHT, WIDTH), dtype=bool)
+    half[:, : WIDTH // 2] = True
+    seen = sight(image, half)
+    assert not seen.field[:, WIDTH // 2 :].any()
+    assert seen.position[:, 0].max() < WIDTH / 2 + 1
     wide = sight(image, settings=SightSettings(margin=1.5))
     assert wide.field.sum() > 1.1 * sight(image).field.sum()
     with pytest.raises(UserError, match="no regular marker pattern"):
         sight(image, settings=SightSettings(fewest=len(places) + 1))
 
 
-def test_markers_are_looked_for_only_where_that_is_asked() -> None:
-    places = grid(24.0)
-    half = np.zeros((HEIGHT, WIDTH), dtype=bool)
-    half[:, : WIDTH // 2] = True
-    seen = sight(dotted(places), half)
-    assert not seen.field[:, WIDTH // 2 :].any()
-    assert seen.position[:, 0].max() < WIDTH / 2 + 1
-    with pytest.raises(UserError, match="no regular marker pattern"):
-        sight(dotted(places), ~np.ones_like(half))
-
-
 @pytest.mark.parametrize(
     ("first", "second"),
     [
-        ((0.6, 0.15, 0.25), (0.97, 0.8, 0.12)),
-        ((0.2, 0.6, 0.8), (0.9, 0.3, 0.5)),
         ((0.3, 0.8, 0.4), (0.8, 0.3, 0.9)),
+        ((0.15, 0.75, 0.8), (0.9, 0.3, 0.25)),  # black together: each shows alone at the edges
     ],
 )
-def test_dyes_of_two_layers_are_learned(
-    first: tuple[float, float, float], second: tuple[float, float, float]
-) -> None:
+def test_dyes_of_two_layers_are_learned(first: Light, second: Light) -> None:
     """Layers that lie aside by a third of a radius to all sides; dyes true to a tenth in light."""
     places = grid(26.0)
-    turn = np.random.default_rng(5).uniform(0.0, 2.0 * np.pi, len(places))
+    radii, turn = np.full(len(places), 7.0), np.random.default_rng(5).uniform(0, 6.28, len(places))
     aside = 2.5 * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     linear = np.full((HEIGHT, WIDTH, 3), 0.75) * np.linspace(1.0, 0.6, WIDTH)[:, None]
     for at, dye in ((places + aside, first), (places - aside, second)):
-        linear = linear * (1.0 - covered(at, 7.0)[..., None] * (1.0 - np.array(dye)))
-    image = pictured(linear)
-    seen = sight(image)
-    palette = learn_palette(image, seen)
+        linear *= 1.0 - covered(SIZE, at, radii, 0.8)[..., None] * (1.0 - np.array(dye))
+    image = levels(linear)
+    palette = learn_palette(image, sight(image))
     assert len(palette.names) == 2
     dyes = np.array([first, second])
     if abs(palette.transmittance[0] - first).sum() > abs(palette.transmittance[1] - first).sum():
         dyes = dyes[::-1]
     np.testing.assert_allclose(palette.transmittance, dyes, atol=0.1)
-    counts = [len(layer.area) for layer in detect_markers(image, palette)]
-    assert counts == [len(places)] * 2
+    assert [len(layer.area) for layer in detect_markers(image, palette)] == [len(places)] * 2
 
 
-@pytest.mark.parametrize("tint", [(1.0, 1.0, 1.0), (1.0, 0.5, 0.2)])
-def test_light_of_two_colours_does_not_make_two_dyes(tint: tuple[float, float, float]) -> None:
+def test_light_of_two_colours_does_not_make_two_dyes() -> None:
     """Dark dots under light that is red on one side and blue on the other, and stray light."""
-    share = np.linspace(0.0, 1.0, WIDTH)[None, :, None]
-    light = (1.0 - share) * np.array([0.7, 0.4, 0.1]) + share * np.array([0.1, 0.4, 0.7])
-    cover = covered(grid(24.0), 6.0)[..., None]
-    image = pictured(light * np.array(tint) * (1.0 - 0.9 * cover) + 0.01)
-    palette = learn_palette(image, sight(image))
-    assert palette.names == ("dark",)
+    places, across = grid(24.0), np.linspace(0.0, 1.0, WIDTH)[None, :, None]
+    light = (1.0 - across) * np.array([0.7, 0.4, 0.1]) + across * np.array([0.1, 0.4, 0.7])
+    cover = covered(SIZE, places, np.full(len(places), 6.0), 0.8)[..., None]
+    image = levels(light * np.array([1.0, 0.5, 0.2]) * (1.0 - 0.9 * cover) + 0.01)
+    assert learn_palette(image, sight(image)).names == ("dark",)
 
 
 @pytest.mark.parametrize(
-    ("name", "scale"),
-    [
-        *(("thesis", 0.6), ("thesis", 1.0), ("dome-2022", 0.6), ("dome-2022", 1.0)),
-        *(("flat-2019", 0.6), ("flat-2019", 1.7)),
-        *(
-            pytest.param(name, scale, marks=pytest.mark.stages)
-            for name, scale in (("thesis", 1.7), ("dome-2022", 1.7), ("flat-2019", 1.0))
-        ),
-    ],
+    ("name", "scale"), [("thesis", 1.0), ("dome-2022", 1.7), ("flat-2019", 0.6)]
 )
 def test_our_designs_are_found_without_knowing_them_at_any_size(name: str, scale: float) -> None:
     sensor = load_sensor(name)

@@ -128,6 +128,8 @@ def read_list(path: Path) -> tuple[list[Press], bool]:
     UserError
         With the line and what is wrong with it.
     """
+    if path.is_fifo() or path.is_char_device():  # it may never end
+        raise UserError(f"list of presses {path} is no file")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file, strict=True)

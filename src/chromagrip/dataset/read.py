@@ -289,8 +289,15 @@ def names_of(folder: Path, part: str | None) -> list[str]:
 
 def drawn_values(sequence: Path) -> Values:
     """Read the values drawn for a sequence; JSON holds infinity as text."""
-    values = read_files(sequence)["values"]
-    return {key: float(v) if v in ("inf", "-inf") else v for key, v in values.items()}
+    values: Values = _numbers(read_files(sequence)["values"])
+    return values
+
+
+def _numbers(value: Any) -> Any:
+    """Value of JSON with infinity as a number, in tables too."""
+    if isinstance(value, dict):
+        return {key: _numbers(one) for key, one in value.items()}
+    return float(value) if value in ("inf", "-inf") else value
 
 
 def summarise(folder: Place, *, follow_links: bool = False) -> dict[str, object]:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -206,14 +207,19 @@ def was_drawn(recipe: Recipe, number: int, values: Values, folder: Path) -> bool
 
 def _plain(values: Values, folder: Path) -> Values:
     """Values for JSON: infinity as text, files relative to the folder."""
-    plain = {
-        k: str(v) if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()
-    }
+    plain: Values = _finite(values)
     if "sensor" in plain:
         plain["sensor"] = seen_from(folder, plain["sensor"])
     if "object.mesh" in plain:
         plain["object.mesh"] = relative(plain["object.mesh"], folder)
-    own: Values = values.get("object", {})
+    own: Values = plain.get("object", {})
     if own.get("mesh"):
         return plain | {"object": {**own, "mesh": relative(own["mesh"], folder)}}
     return plain
+
+
+def _finite(value: Any) -> Any:
+    """Value with infinity as text, in tables too."""
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    return str(value) if isinstance(value, float) and not np.isfinite(value) else value

@@ -245,6 +245,8 @@ def read_picture(
 
 def _content(path: Path) -> bytes:
     """Content of the file of a picture."""
+    if path.is_fifo() or path.is_char_device():  # it may never end
+        raise UserError(f"picture {path} is no file")
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -12,7 +12,6 @@ from chromagrip.render import load_sensor
 from chromagrip.tracking import SensorCalibration, Tracks
 from chromagrip.tracking.forces.calibration import (
     FitReport,
-    calibration_table,
     load_calibration,
     nominal_calibration,
 )
@@ -82,14 +81,11 @@ def tracks(
     )
 
 
-def test_a_sensor_as_designed_has_the_thesis_materials() -> None:
+def test_a_design_has_the_thesis_materials_and_a_file_what_was_written(tmp_path: Path) -> None:
     assert load_calibration("thesis").fingertip == Fingertip()
     large = load_calibration("dome-2020-printed")
     assert large.sensor == load_sensor("dome-2020-printed")
     assert large.fingertip.tissue_stiffness == pytest.approx(25e3 * math.pi * 20e-3 / 2)
-
-
-def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:
     save_calibration(calibrated(), "thesis", REPORT, tmp_path / "mine.toml")
     assert replace(load_calibration(str(tmp_path / "mine.toml")), readout=None) == calibrated()
 
@@ -107,53 +103,22 @@ def test_a_file_of_a_chain_is_read(tmp_path: Path) -> None:
     assert found.nominal == SENSOR
 
 
-def test_a_design_of_ones_own_is_found_from_the_calibration(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shipped = Path(__file__).parents[3] / "render" / "designs" / "thesis.toml"
-    (tmp_path / "designs").mkdir()
-    (tmp_path / "calibrations").mkdir()
-    (tmp_path / "designs" / "own.toml").write_text(shipped.read_text(encoding="utf-8"))
-    monkeypatch.chdir(tmp_path)
-    save_calibration(calibrated(), "designs/own.toml", REPORT, Path("calibrations/mine.toml"))
-    monkeypatch.chdir(tmp_path / "designs")
-    assert replace(load_calibration("../calibrations/mine.toml"), readout=None) == calibrated()
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
+def test_what_is_wrong_in_a_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    for old, new, words in (
         ("size_floor", "size_flaw", "unknown key size_flaw"),
         ("tissue_poisson = 0.41", "tissue_poisson = 0.6", "tissue_poisson = 0.6"),
-        ("tissue_poisson = 0.41", "", "tissue_poisson"),
-        ("tissue_poisson = 0.41", "tissue_poisson = 'soft'", "'soft'"),
         ("yellow_depth_mm = 1.1", "yellow_depth_mm = 2.5", "must be less than the silicone's 2"),
         ("calibration 1", "calibration 9", "'chromagrip calibration 9'"),
         ('sensor = "thesis"', 'sensor = "theses"', "no sensor design 'theses'"),
-        ("[fit]", "[fit", "is not valid TOML"),
-    ],
-)
-def test_what_is_wrong_in_a_file_is_named(tmp_path: Path, old: str, new: str, words: str) -> None:
-    path = tmp_path / "mine.toml"
-    assert old in TEXT
-    path.write_text(TEXT.replace(old, new), encoding="utf-8")
-    with pytest.raises(UserError) as refused:
-        load_calibration(str(path))
-    assert words in str(refused.value)
-    assert "\n" not in str(refused.value)
-
-
-def test_a_calibration_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    ):
+        path.write_text(TEXT.replace(old, new), encoding="utf-8")
+        with pytest.raises(UserError, match=words):
+            load_calibration(str(path))
     with pytest.raises(UserError, match="No such file"):
-        load_calibration(str(tmp_path / "mine.toml"))
+        load_calibration(str(tmp_path / "none.toml"))
     with pytest.raises(UserError, match=r"no calibration 'mine'.*thesis"):
         load_calibration("mine")
-
-
-def test_json_of_a_calibration_has_no_empty_values() -> None:
-    table = calibration_table(nominal_calibration(SENSOR), "thesis", REPORT)
-    assert "displacement" not in table
-    assert "normal_error_share" not in table["fit"]
 
 
 def shown(moved: np.ndarray, noise: float, rng: np.random.Generator) -> Tracks:
@@ -194,7 +159,7 @@ def test_displacements_are_inverted_with_their_covariance() -> None:
     exact, _ = skin_displacement(GAINS, rest, shown(moved, 0.0, rng))
     np.testing.assert_allclose(1e3 * exact, moved, atol=1e-12)
     scores = []
-    for _ in range(50):
+    for _ in range(30):
         found, covariance = skin_displacement(GAINS, rest, shown(moved, 1.0, rng))
         error = found - 1e-3 * moved
         scores.append(

@@ -15,16 +15,6 @@ BALL = equilibrium(TIP, ContactObject(curvature=60.0, friction=0.8), 2.0, 0.7).d
 EVEN, ODD = np.array([False]), np.array([True])
 
 
-def turned(shifts: np.ndarray, angle: float) -> np.ndarray:
-    """Shifts (P, 6) of which the places are turned."""
-    c, s = np.cos(angle), np.sin(angle)
-    done = shifts.copy()
-    for k in (0, 3):
-        done[:, k] = c * shifts[:, k] - s * shifts[:, k + 1]
-        done[:, k + 1] = s * shifts[:, k] + c * shifts[:, k + 1]
-    return done
-
-
 def by_fields(variations: Variations, places: np.ndarray, azimuth: float = 0.0) -> np.ndarray:
     """Shifts (P, 6) of the ball by its fields on circles."""
     on_circles = varied_shifts(SENSOR, circle_places(), TIP, BALL[None], variations)
@@ -53,28 +43,6 @@ def test_fields_give_the_shifts_at_any_place() -> None:
     found = by_fields(variations, places)
     assert np.sqrt(((found - expected)[:, [0, 1, 3, 4]] ** 2).mean()) < 0.02
     assert np.sqrt((expected[:, [0, 1, 3, 4]] ** 2).mean()) > 2.0
-
-
-@pytest.mark.parametrize("azimuth", [0.3, 1.7, -2.5])
-def test_a_turned_load_moves_a_turned_layout_alike(azimuth: float) -> None:
-    """The picture of a load turned by ψ is that of the load in a layout turned back by ψ."""
-    turned_back = SENSOR.places - [0.0, azimuth]
-    none = Variations.none(1)
-    expected = turned(by_fields(none, turned_back), azimuth)
-    assert by_fields(none, SENSOR.places, azimuth) == pytest.approx(expected, abs=1e-3)
-
-
-def test_a_mirrored_picture_has_no_odd_part_and_a_twist_has() -> None:
-    none, twist = Variations.none(1), Variations.none(1)
-    twist.twist[:] = np.deg2rad(3.0)
-    parts = [
-        fields_on_circles(varied_shifts(SENSOR, circle_places(), TIP, 0.0 * BALL[None], v))
-        for v in (none, twist)
-    ]
-    assert abs(parts[0][1]).max() < 1e-9
-    even, odd = parts[1]
-    assert abs(odd[:, :, 1, :, 0]).max() > 1.0  # along the circles, the same at each azimuth
-    assert abs(even).max() < 0.1 * abs(odd).max()
 
 
 def test_noise_is_rough_and_an_unknown_motion_smooth() -> None:

@@ -109,13 +109,8 @@ def test_a_camera_is_turned_by_the_tilt_and_then_by_the_roll(tilt: tuple[float, 
 @pytest.mark.parametrize(
     ("roll_deg", "scale", "shift"),
     [
-        (0.0, 1.0, (0.0, 0.0)),
-        pytest.param(0.3, 1.0, (0.0, 0.0), marks=pytest.mark.stages),
-        pytest.param(1.0, 1.0, (0.0, 0.0), marks=pytest.mark.stages),
         (-3.0, 1.0, (4.0, -2.5)),
-        pytest.param(15.0, 0.9, (0.0, 0.0), marks=pytest.mark.stages),
-        pytest.param(60.0, 1.0, (-20.0, 15.0), marks=pytest.mark.stages),
-        (0.0, 1.1, (25.0, 30.0)),
+        (60.0, 0.9, (-20.0, 15.0)),
     ],
 )
 def test_a_warped_picture_tells_how_it_was_warped(
@@ -156,9 +151,6 @@ def test_a_pose_is_told_in_words_and_numbers() -> None:
     [
         CameraPose(tilt=(0.02, -0.05)),
         CameraPose(roll=1.0, tilt=(-0.1, 0.12), shift=(20.0, -10.0), scale=1.05),
-        pytest.param(
-            CameraPose(roll=-3.0, shift=(-40.0, 30.0), scale=0.75), marks=pytest.mark.stages
-        ),
     ],
 )
 def test_a_tilt_is_told_from_a_shift(pose: CameraPose) -> None:
@@ -169,7 +161,7 @@ def test_the_deviations_are_those_of_the_errors() -> None:
     """Over specimens the error over its standard deviation is of order 1."""
     pose = CameraPose(roll=0.02, tilt=(0.01, 0.02), shift=(1.0, 2.0), scale=0.99)
     scores = []
-    for seed in range(12):
+    for seed in range(8):
         found = rest_pose(SENSOR, projected(SENSOR, pose, seed=seed))
         scores.append(
             [
@@ -185,22 +177,14 @@ def test_the_deviations_are_those_of_the_errors() -> None:
 
 
 @pytest.mark.parametrize(
-    ("defects", "roll"),
-    [
-        (Defects(missing_markers=0.3), 2.0),
-        (Defects(worn_markers=0.4), 0.0),
-        pytest.param(Defects(missing_markers=0.3), 0.0, marks=pytest.mark.stages),
-        pytest.param(Defects(worn_markers=0.4), 2.0, marks=pytest.mark.stages),
-    ],
+    ("defects", "roll"), [(Defects(missing_markers=0.3), 2.0), (Defects(worn_markers=0.4), 0.0)]
 )
 def test_markers_that_are_missing_do_not_hide_the_pose(defects: Defects, roll: float) -> None:
     pose = CameraPose(roll=roll, shift=(3.0, -2.0))
     check(rest_pose(SENSOR, projected(SENSOR, pose, defects)), pose)
 
 
-@pytest.mark.parametrize(
-    "name", ["dome-2020-printed", "dome-2022", "chromatouch-next", "fovea", "flat-2019"]
-)
+@pytest.mark.parametrize("name", ["dome-2022", "chromatouch-next", "fovea", "flat-2019"])
 def test_every_design_tells_a_small_pose(name: str) -> None:
     sensor = load_sensor(name)
     pose = CameraPose(roll=DEGREE, shift=(4.0, -3.0), scale=1.03)
@@ -209,7 +193,7 @@ def test_every_design_tells_a_small_pose(name: str) -> None:
     check(found, pose, degrees=0.2, pixels=0.7)
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.stages) for k in (2, 3))])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.stages)])
 def test_the_built_dome_tells_a_pose_by_its_outer_layer(seed: int) -> None:
     """Crooked markers a tenth of a pitch off, and an inner layer of which each gore lies elsewhere.
 
@@ -227,13 +211,6 @@ def test_the_built_dome_tells_a_pose_by_its_outer_layer(seed: int) -> None:
     assert np.linalg.norm(there - here, axis=-1).max() < 1.5
 
 
-def test_the_built_dome_is_not_taken_for_the_printed_one() -> None:
-    built = load_sensor("dome-2020")
-    seen = projected(built, CameraPose(), built.defects)
-    with pytest.raises(UserError, match=r"Is it another sensor\?"):
-        rest_pose(load_sensor("dome-2020-printed"), seen)
-
-
 def test_a_symmetric_layout_is_taken_as_it_lies_nearest_to_the_design() -> None:
     sensor = load_sensor("dome-2020-printed")
     found = rest_pose(sensor, projected(sensor, CameraPose(roll=87.0 * DEGREE)))
@@ -243,40 +220,27 @@ def test_a_symmetric_layout_is_taken_as_it_lies_nearest_to_the_design() -> None:
         rest_pose(sensor, projected(sensor, CameraPose(roll=44.0 * DEGREE)))
 
 
-def test_a_grid_is_not_taken_for_itself_a_pitch_further() -> None:
-    """17 px from column to column: the columns at the edges say where the camera looks."""
+def test_the_edges_of_a_grid_and_the_centre_of_a_calibrated_camera_count() -> None:
+    """17 px from column to column: a grid is not taken for itself a pitch further."""
     sensor = load_sensor("flat-2019")
     pose = CameraPose(shift=(17.0, 0.0))
     check(rest_pose(sensor, projected(sensor, pose)), pose)
+    camera = changed(SENSOR.camera, focal_px=(150.0, 150.0), centre_px=(325.0, 236.0))
+    sensor = changed(SENSOR, camera=camera)
+    check(rest_pose(sensor, projected(sensor, CameraPose(roll=0.3))), CameraPose(roll=0.3))
 
 
-@pytest.mark.parametrize(
-    "shown",
-    [
-        "fovea",
-        *(
-            pytest.param(f"dome-{year}", marks=pytest.mark.stages)
-            for year in ("2020-printed", "2022")
-        ),
-    ],
-)
-def test_another_sensor_is_refused(shown: str) -> None:
-    """Even that whose layout is the same spiral but for 45 markers on the meridian."""
+def test_what_cannot_be_told_is_refused() -> None:
+    """Even a sensor whose layout is the same spiral but for 45 markers on the meridian."""
     with pytest.raises(UserError, match=r"Is it another sensor\?"):
-        rest_pose(SENSOR, projected(load_sensor(shown), CameraPose(), Defects()))
-
-
-def test_too_few_markers_are_refused() -> None:
+        rest_pose(SENSOR, projected(load_sensor("fovea"), CameraPose(), Defects()))
+    with pytest.raises(UserError, match=r"shifted by \(80\.\d, .*allowed: shifts to 72 px"):
+        rest_pose(SENSOR, projected(SENSOR, CameraPose(shift=(80.0, 0.0))))
     rest = projected(SENSOR, CameraPose())
     position = rest.position.copy()
     position[1, 12:] = np.nan
     with pytest.raises(UserError, match=r"shows 12 markers of a layer.*at least 20"):
         rest_pose(SENSOR, with_position(position))
-
-
-def test_a_pose_beyond_what_can_be_told_is_refused() -> None:
-    with pytest.raises(UserError, match=r"shifted by \(80\.\d, .*allowed: shifts to 72 px"):
-        rest_pose(SENSOR, projected(SENSOR, CameraPose(shift=(80.0, 0.0))))
 
 
 def test_bounds_of_the_pose_and_of_the_match_are_settings() -> None:
@@ -288,10 +252,3 @@ def test_bounds_of_the_pose_and_of_the_match_are_settings() -> None:
     # The last pose is not taken for that of other settings.
     with pytest.raises(UserError, match=r"at least 97 % and at most 0\.\d px"):
         rest_pose(SENSOR, rest, PoseSettings(apart=0.01))
-
-
-def test_a_camera_that_was_calibrated_has_its_own_centre() -> None:
-    """The pose is against the calibration, not against the middle of the image."""
-    camera = changed(SENSOR.camera, focal_px=(150.0, 150.0), centre_px=(325.0, 236.0))
-    sensor = changed(SENSOR, camera=camera)
-    check(rest_pose(sensor, projected(sensor, CameraPose(roll=0.3))), CameraPose(roll=0.3))

@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from chromagrip.errors import UserError
-from chromagrip.model import ContactObject, Fingertip, equilibrium, rest_state, step
+from chromagrip.model import ContactObject, Fingertip, equilibrium
 from chromagrip.render import Membrane, MembraneMap, load_sensor
 from chromagrip.render.outlines import areas, centroids, outlines
 from chromagrip.tracking.forces.chain.sensitivity import MarkerResponse
@@ -34,12 +34,11 @@ def test_prediction_is_what_the_renderer_was_given() -> None:
     """The response of the markers against the membrane: same pixels, same tilt of the discs."""
     places = np.stack([SENSOR.places] * 2)
     response = MarkerResponse(SENSOR, places, TIP.nodes)
-    obj, state = ContactObject(), rest_state(TIP)
-    for _ in range(40):
-        state = step(TIP, obj, state, 5e-3, 3.0, 0.6)
-    predicted, _ = response(state.deformation.seen, np.empty((TIP.nodes, 2, 0)))
-    whole = response.measured(state.deformation.seen)
-    membrane = MAP(state.deformation.seen)
+    seen = equilibrium(TIP, ContactObject(), 3.0, 0.6).deformation.seen
+    predicted, _ = response(seen, np.empty((TIP.nodes, 2, 0)))
+    whole = response.measured(seen)
+    np.testing.assert_allclose(response.measured(np.stack([0 * seen, seen]))[1], whole, rtol=1e-12)
+    membrane = MAP(seen)
     view = SENSOR.view
     for layer in (0, 1):
         pixels = view.project(membrane.centres[layer])
@@ -51,9 +50,9 @@ def test_prediction_is_what_the_renderer_was_given() -> None:
         np.testing.assert_allclose(predicted[:, 3 * layer + 2], 0.5 * np.log(area), atol=1e-9)
 
 
-@pytest.mark.parametrize("azimuth", [0.0, 2.0])
-def test_ink_is_measured_as_it_is_drawn(azimuth: float) -> None:
+def test_ink_is_measured_as_it_is_drawn() -> None:
     """Of a load in any plane: against the membrane of the layout turned back, which is turned."""
+    azimuth = 2.0
     ink = replace(SENSOR, markers=replace(SENSOR.markers, stretch=0.6, swell_mm=1.5))
     places = np.stack([SENSOR.places] * 2)
     seen = equilibrium(TIP, ContactObject(curvature=60.0), 3.0, 0.6).deformation.seen

@@ -58,6 +58,8 @@ def read_image(path: Path, max_megapixels: float = MEGAPIXELS) -> Picture:
 
     A larger one than `max_megapixels` is not decoded.
     """
+    if path.is_fifo() or path.is_char_device():  # it may never end
+        raise UserError(f"image {path} is no file")
     try:
         data = path.read_bytes()
     except OSError as error:

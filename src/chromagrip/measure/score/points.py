@@ -99,6 +99,8 @@ def read_points(path: Path, kind: str = "tracks", most: int = MOST_ROWS) -> Poin
     with located(f"{kind} {path}"):
         if path.suffix not in SUFFIXES:
             raise UserError(f"expected a file that ends in {', '.join(SUFFIXES)}")
+        if path.is_fifo() or path.is_char_device():  # it may never end
+            raise UserError("it is no file")
         if path.suffix == ".npz":
             try:
                 return _from_arrays(path, most)
@@ -128,12 +130,12 @@ def _from_arrays(path: Path, most: int) -> Points:
     tracks, visible = found["tracks"].astype(float), found[seen].astype(bool)
     if seen == "occluded":
         visible = ~visible
-    layers = [str(name) for name in np.ravel(found.get("layer", [""] * len(tracks)))]
     if tracks.ndim != 3 or tracks.shape[2] != 2 or visible.shape != tracks.shape[:2]:
         raise UserError(
             f"it has shapes {tracks.shape} and {visible.shape}, expected (points, frames, 2) and "
             "(points, frames)"
         )
+    layers = [str(name) for name in np.ravel(found.get("layer", [""] * len(tracks)))]
     if len(layers) != len(tracks):
         raise UserError(f"its array layer names {len(layers)} of {len(tracks)} points")
     position = np.swapaxes(tracks, 0, 1)

@@ -2,14 +2,11 @@
 
 import math
 from dataclasses import replace
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from chromagrip.errors import UserError
 from chromagrip.model import (
     DomeState,
     FrictionReading,
@@ -19,67 +16,21 @@ from chromagrip.model import (
     margin_within,
     simulate_contact,
 )
-from chromagrip.model.dome import Stepper, resting
+from chromagrip.model.dome import resting
 from chromagrip.model.shapes import Shape, ball, box, cylinder, plane
-from chromagrip.render import load_sensor
-from chromagrip.tracking import (
-    ContactSettings,
-    NoEstimateError,
-    Tracks,
-    load_reconstructor,
-    sensor_as_designed,
-)
+from chromagrip.tracking import ContactSettings, NoEstimateError, Tracks
 from chromagrip.tracking.forces.dome.contact import ContactReading
-from chromagrip.tracking.forces.dome.contact_solution import Solution
 from chromagrip.tracking.forces.dome.keys import Backoff
 
-from .drawn import Drawn
+from ..drawn import DESIGN, DOME, DOME_KNOWN, GRIP, Drawn, grasped
 
 Array = NDArray[np.float64]
-SENSOR = "dome-2020"
-DESIGN = load_sensor(SENSOR)
-DOME = DESIGN.dome
-GRIP = 3.0
-
-
-@lru_cache(maxsize=8)
-def grasped(
-    solid: Solid,
-    azimuth: float,
-    margin: float,
-    frames: int = 24,
-    torque: float = 0.0,
-    pose: tuple[float, ...] = (0.0,) * 6,
-) -> tuple[DomeState, ...]:
-    """States of a grip and then a load that leaves a margin, with a torque [N·m], one a frame.
-
-    The pose, its place [m] and rotation vector, is that of the object as it touches.
-    """
-    load = (1.0 - margin) * solid.friction * GRIP
-    loads = np.zeros((4, 6))
-    loads[1:, 2] = -GRIP
-    loads[2:, :2] = load * math.cos(azimuth), load * math.sin(azimuth)
-    loads[2:, 5] = torque
-    motion = Motion(
-        times=np.array([0.0, 0.2, 0.6, 0.7]),
-        poses=np.tile(pose, (4, 1)),
-        free=("x", "y", "z", "rz") if torque else ("x", "y", "z"),
-        drag=(2.0, 2.0, 25.0, 0.0, 0.0, 1e-4 if torque else 0.0),
-        loads=loads,
-    )
-    stepper = Stepper(DOME, solid, motion, resting(DOME, solid, motion))
-    states = []
-    for k in range(2 * frames):
-        stepper.advance(0.7 * (k + 1) / (2 * frames))
-        if k % 2:
-            states.append(stepper.state())
-    return tuple(states)
 
 
 def read(states: tuple[DomeState, ...], seed: int = 0) -> ContactReading:
     """Reading after all frames."""
     drawn = Drawn(DESIGN, DOME, seed)
-    reading = ContactReading(sensor_as_designed(SENSOR), drawn(np.zeros_like(states[0].linear)))
+    reading = ContactReading(DOME_KNOWN, drawn())
     for state in states[:-1]:
         reading.update(drawn(state.linear))
     reading.field = reading.update(drawn(states[-1].linear))  # type: ignore[attr-defined]
@@ -88,8 +39,11 @@ def read(states: tuple[DomeState, ...], seed: int = 0) -> ContactReading:
 
 @pytest.mark.parametrize(
     ("shape", "azimuth", "stiffness", "friction"),
-    [(plane(), 0.4, 1e9, 0.6), (ball(12e-3), 2.5, 2e9, 0.4), (cylinder(14e-3), 4.0, 1e9, 0.5)],
-    ids=["plane", "ball", "rod"],
+    [
+        (ball(12e-3), 2.5, 2e9, 0.4),
+        pytest.param(cylinder(14e-3), 4.0, 1e9, 0.5, marks=pytest.mark.stages),
+    ],
+    ids=["ball", "rod"],
 )
 def test_force_direction_friction_and_margin_are_read(
     shape: Shape, azimuth: float, stiffness: float, friction: float
@@ -114,8 +68,8 @@ def test_force_direction_friction_and_margin_are_read(
 @pytest.mark.stages
 @pytest.mark.parametrize(
     ("shape", "margin", "torque"),
-    [(plane(), 1.0, 2.5e-3), (plane(), 0.5, -2e-3), (ball(12e-3), 0.6, 1e-3)],
-    ids=["turned", "pulled", "ball"],
+    [(plane(), 1.0, 2.5e-3), (ball(12e-3), 0.6, 1e-3)],
+    ids=["turned", "ball"],
 )
 def test_torque_and_force_are_read_with_their_intervals(
     shape: Shape, margin: float, torque: float
@@ -150,16 +104,6 @@ def test_a_pure_press_shows_force_and_no_friction() -> None:
     assert not reading.observable
 
 
-def test_nothing_touches_at_rest() -> None:
-    drawn = Drawn(DESIGN, DOME)
-    rest = drawn(np.zeros_like(grasped(Solid(shape=plane()), 0.0, 1.0)[0].linear))
-    reading = ContactReading(sensor_as_designed(SENSOR), rest)
-    field = reading.update(drawn(np.zeros((len(reading.update(rest).normal), 3))))
-    assert not field.contact.any()
-    assert field.total_normal == 0.0
-    assert math.isnan(field.safety_margin(0.5))
-
-
 @pytest.mark.parametrize("noise_px", [0.05, 0.3, 3.0])
 def test_a_press_that_noise_hides_is_inside_the_interval_of_nothing(noise_px: float) -> None:
     """Whatever the noise is, either a press of 3 N is read, or "nothing" holds it."""
@@ -167,12 +111,12 @@ def test_a_press_that_noise_hides_is_inside_the_interval_of_nothing(noise_px: fl
     drawn = Drawn(DESIGN, DOME)
     noise = np.diag([noise_px**2, noise_px**2, (0.1 * noise_px) ** 2] * 2)
 
-    def tracks(linear: Array) -> Tracks:
+    def tracks(linear: Array | None = None) -> Tracks:
         clear = drawn(linear)
         return replace(clear, covariance=np.broadcast_to(noise, clear.covariance.shape))
 
-    rest = tracks(np.zeros_like(states[0].linear))
-    field = ContactReading(sensor_as_designed(SENSOR), rest).update(tracks(states[-1].linear))
+    rest = tracks()
+    field = ContactReading(DOME_KNOWN, rest).update(tracks(states[-1].linear))
     deviation = math.sqrt(field.totals_covariance[0, 0])
     assert abs(field.total_normal - GRIP) < 2.5 * deviation
     assert field.contact.any() == (noise_px < 0.1)
@@ -197,7 +141,7 @@ def test_two_contacts_are_refused() -> None:
         )
         linear = linear + run.end.linear
     drawn = Drawn(DESIGN, DOME)
-    reading = ContactReading(sensor_as_designed(SENSOR), drawn(np.zeros_like(linear)))
+    reading = ContactReading(DOME_KNOWN, drawn())
     with pytest.raises(NoEstimateError, match="no contact of a smooth, convex object"):
         reading.update(drawn(linear))
 
@@ -212,19 +156,6 @@ def test_an_edge_is_refused(pose: tuple[float, ...]) -> None:
     solid = Solid(shape=box(24e-3, rounding=0.4e-3), friction=0.6)
     with pytest.raises(NoEstimateError, match="no contact of a smooth, convex object"):
         read(grasped(solid, 0.4, 0.2, pose=pose))
-
-
-def test_the_same_frames_give_the_same_field_and_reset_forgets() -> None:
-    states = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)[:8]
-    one, other = read(states), read(states)
-    assert np.array_equal(one.field.normal, other.field.normal)  # type: ignore[attr-defined]
-    drawn = Drawn(DESIGN, DOME, 1)
-    drawn(states[0].linear)
-    tracks = drawn(states[-1].linear)
-    one.reset()
-    other.reset()
-    first, again = one.update(tracks), other.update(tracks)
-    assert np.array_equal(first.normal, again.normal)
 
 
 def test_mu_is_observable_by_the_deviation_of_its_logarithm() -> None:
@@ -246,48 +177,15 @@ def test_mu_is_observable_by_the_deviation_of_its_logarithm() -> None:
     assert found.value < 0.8
 
 
-def test_the_object_is_refitted_as_often_as_the_settings_say() -> None:
-    """With 1 at every key frame that could change the estimate, else less often after failures."""
-    states = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)
-
-    def counts(settings: ContactSettings) -> tuple[int, int]:
-        drawn = Drawn(DESIGN, DOME)
-        rest = drawn(np.zeros_like(states[0].linear))
-        # Without refits the object stays wrong, and would be refused as unlike.
-        settings = replace(settings, unlike=math.inf)
-        reading = ContactReading(sensor_as_designed(SENSOR), rest, settings)
-        fit, telling, refits = reading._fit, [], []
-        hold = fit.hold
-
-        def held(*arguments: Any) -> Any:
-            solution, tells = hold(*arguments)
-            telling.append(tells or solution.misfit > reading._memory.doubtful)
-            return solution, tells
-
-        def not_better(solution: Solution, doubtful: bool) -> Solution:
-            refits.append(True)
-            return solution
-
-        fit.hold, fit.along_chord = held, not_better  # type: ignore[method-assign]
-        for state in states:
-            reading.update(drawn(state.linear))
-        return sum(telling), len(refits)
-
-    telling, refits = counts(ContactSettings(refit_every=1))
-    assert refits == telling > 6
-    telling, refits = counts(ContactSettings(refit_every=16, refit_patience=1))
-    assert 1 < refits < telling / 2
-
-
 def test_a_refused_contact_is_searched_again_less_and_less_often(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """At once only where its markers have moved far, and for the next contact."""
     linear = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)[12].linear
     drawn = Drawn(DESIGN, DOME)
-    rest = drawn(np.zeros_like(linear))
+    rest = drawn()
     settings = ContactSettings(search_every=8, search_patience=2, same=0.0)
-    reading, searched = ContactReading(sensor_as_designed(SENSOR), rest, settings), []
+    reading, searched = ContactReading(DOME_KNOWN, rest, settings), []
 
     def found(shifts: object) -> bool:
         searched.append(frame)
@@ -312,37 +210,6 @@ def test_a_refused_contact_is_searched_again_less_and_less_often(
     assert searched == [33, 0, 1, 3]
 
 
-def test_an_object_without_a_supported_shape_is_followed_and_seldom_refitted() -> None:
-    states = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)
-    drawn = Drawn(DESIGN, DOME)
-    rest = drawn(np.zeros_like(states[0].linear))
-    settings = ContactSettings(search_every=4, search_patience=1, changed=1e9)
-    reading, taken = ContactReading(sensor_as_designed(SENSOR), rest, settings), []
-    take, unlike = reading._taken, reading._unlike
-
-    def counted(*given: Any) -> bool:
-        taken.append(frame)
-        return take(*given)
-
-    reading._taken = counted  # type: ignore[method-assign]
-    reading._unlike = lambda solution: True  # type: ignore[method-assign]
-    frame = 0
-    for frame, state in enumerate(states[:16]):  # noqa: B007 - the fits are told by it
-        with pytest.raises(NoEstimateError, match="no contact of a smooth, convex object"):
-            reading.update(drawn(state.linear))
-    assert len(taken) > 3
-    assert (np.diff(taken[2:]) >= 4).all()
-    reading._unlike = unlike  # type: ignore[method-assign]
-    for state in states[16:]:
-        frame += 1
-        if frame >= taken[-1] + 4 and taken[-1] < 16:
-            break
-        with pytest.raises(NoEstimateError):
-            reading.update(drawn(state.linear))
-    field = reading.update(drawn(state.linear))
-    assert field.total_normal == pytest.approx(dome_forces(DOME, state).total_normal, rel=0.1)
-
-
 def test_the_interval_of_what_fails_doubles_up_to_a_limit() -> None:
     backoff, waited, intervals = Backoff.from_first(1, 4, 2), 0, []
     for _ in range(20):
@@ -352,9 +219,3 @@ def test_the_interval_of_what_fails_doubles_up_to_a_limit() -> None:
             backoff, waited = backoff.tried(better=False), 0
     assert intervals == [1, 1, 2, 2, 4, 4, 4]
     assert backoff.tried(better=True).next_chance().due
-
-
-def test_a_sensor_without_silicone_is_refused() -> None:
-    known = sensor_as_designed("flat-2019")
-    with pytest.raises(UserError, match="silicone"):
-        load_reconstructor("contact")(known, None)  # type: ignore[arg-type]
