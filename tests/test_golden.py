@@ -78,7 +78,7 @@ def of_renderer(name: str, dented: Membrane) -> str:
 def forget() -> None:
     """Empty the caches of functions that this process has called."""
     for each in gc.get_objects():
-        if isinstance(each, _lru_cache_wrapper) and each.__module__.startswith(FORGOTTEN):
+        if isinstance(each, _lru_cache_wrapper) and str(each.__module__).startswith(FORGOTTEN):
             each.cache_clear()
 
 
