@@ -10,7 +10,7 @@ from chromagrip.errors import UserError
 from chromagrip.measure.bench import track as bench_track
 from chromagrip.measure.engine import measure
 from chromagrip.measure.study import Asked
-from chromagrip.measure.worlds.track_motion import pitch
+from chromagrip.measure.worlds.track_motion import contact_motion, pitch
 from chromagrip.measure.worlds.track_scenes import SCENES, Conditions, Sequence, sequence
 from chromagrip.measure.worlds.track_scores import (
     UNITS,
@@ -24,6 +24,7 @@ from chromagrip.measure.worlds.track_scores import (
 from chromagrip.output.report import Bounds
 from chromagrip.render import Frame, load_sensor
 from chromagrip.render.colour import decode_srgb
+from chromagrip.render.membrane import rest_membrane
 from chromagrip.tracking import Tracks
 
 SENSOR = load_sensor("thesis")
@@ -205,6 +206,7 @@ def test_numbers_that_nothing_had_at_rest_are_false_and_late_ones_are_lost(seen:
     assert (found["lost"], found["false"], found["swaps"]) == (2.0, len(said.tracks), 0.0)
 
 
+@pytest.mark.studies
 def test_who_never_looks_is_told_from_a_tracker() -> None:
     seen = sequence(SCENES["sway"], 3)
     constant, fit = (scores(follow(name, seen), seen) for name in ("constant", "fit"))
@@ -247,16 +249,32 @@ def test_rows_of_a_bench_and_their_table(monkeypatch: pytest.MonkeyPatch) -> Non
     assert pixels["Refusing"] == "–"
 
 
-def test_a_scene_alone_is_measured_and_a_bug_is_no_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bug_of_a_tracker_is_not_taken_for_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
     class Broken(Constant):
         def update(self, frame: Frame) -> Tracks:
             raise IndexError("a bug")
 
     monkeypatch.setattr(bench_track, "QUICK_FRAMES", 1)
-    told: list[str] = []
-    asked = Asked(quick=True, methods=("constant",), only=("sway",))
-    report = measure("bench", "track", asked, workers=1, progress=told.append)
-    assert {row.subject[0] for row in report.rows} <= {"sway", "speed", "limit"}
-    assert told == ["scene sway: 1 of 1"]
     with pytest.raises(IndexError, match="a bug"):
-        measure("bench", "track", replace(asked, methods=(Broken,)), workers=1)
+        measure("bench", "track", Asked(quick=True, methods=(Broken,), only=("sway",)), workers=1)
+
+
+@pytest.mark.studies
+def test_objects_on_the_dome_move_the_markers_as_they_say() -> None:
+    """A twist turns what is near the apex; a rod that rolls presses from side to side."""
+    sensor = load_sensor("thesis")
+    rest = rest_membrane(sensor).centres[0]
+    near = np.hypot(rest[:, 0], rest[:, 1]) < 0.8e-3
+    far = np.hypot(rest[:, 0], rest[:, 1]) > 5e-3
+    *_, end = contact_motion(sensor, None, 4, "twist")
+    moved = (end.centres[0] - rest)[:, :2]
+    arm = np.column_stack([-rest[:, 1], rest[:, 0]])
+    turn = (moved * arm).sum(axis=1) / (arm**2).sum(axis=1)
+    assert (np.degrees(turn[near]) > 5.0).all()
+    assert (np.degrees(turn[near]) < 40.0).all()
+    assert abs(np.degrees(turn[far])).max() < 1.0
+    steps = list(contact_motion(sensor, None, 8, "roll"))
+    pressed = [rest[np.argmin((one.centres[0] - rest)[:, 2]), 0] for one in steps]
+    assert pressed[2] < -1e-3
+    assert pressed[-1] > 1e-3
+    assert (np.diff(pressed[2:]) >= 0.0).all()

@@ -46,22 +46,25 @@ def test_limit_of_one_disc_in_one_channel_is_the_known_one() -> None:
         assert np.isnan(found[1]).all()
 
 
-def brute_levels(centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Levels of pairs (M, 2, 2) of discs: pixels sampled 8² times, soft edges, then blurred."""
-    fine, size = 8, len(GROUND)
+def brute_levels(centres: np.ndarray, radii: np.ndarray, fine: int, soft: bool) -> np.ndarray:
+    """Levels of pairs (M, 2, 2) of discs: pixels sampled fine² times, then blurred."""
+    size = len(GROUND)
     y, x = (np.mgrid[: size * fine, : size * fine] + 0.5) / fine - 0.5
     light = np.ones((size * fine, size * fine, 3))
     for pair, sizes in zip(centres, radii, strict=True):
         for (cx, cy), radius, dye in zip(pair, sizes, SENSOR.transmittance, strict=True):
-            covered = np.clip(fine * (radius - np.hypot(x - cx, y - cy)) + 0.5, 0.0, 1.0)
+            inside = radius - np.hypot(x - cx, y - cy)
+            covered = np.clip(fine * inside + 0.5, 0.0, 1.0) if soft else inside > 0.0
             light *= 1.0 - covered[..., None] * (1.0 - dye)
     light = np.asarray(cv2.GaussianBlur(light, (0, 0), BLUR * fine))
     return encode_srgb(GROUND * light.reshape(size, fine, size, fine, 3).mean(axis=(1, 3)))
 
 
-def brute_information(centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+def brute_information(
+    centres: np.ndarray, radii: np.ndarray, fine: int, soft: bool, step: float
+) -> np.ndarray:
     """Of (x, y, log size) of both discs of the first pair, shape (6, 6)."""
-    slopes, step = [], 0.02
+    slopes = []
     for layer in (0, 1):
         for axis in range(3):
             levels = []
@@ -71,7 +74,7 @@ def brute_information(centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
                     moved[0, layer, axis] += sign
                 else:
                     grown[0, layer] *= np.exp(sign)
-                levels.append(brute_levels(moved, grown).ravel())
+                levels.append(brute_levels(moved, grown, fine, soft).ravel())
             slopes.append((levels[0] - levels[1]) / (2 * step))
     return np.array(slopes) @ np.array(slopes).T
 
@@ -83,11 +86,11 @@ def test_bound_of_a_pair_is_that_of_brute_force(apart: tuple[float, float]) -> N
     centres = np.array([[outer, outer + apart], [[5.0, 14.0]] * 2])
     absorbed, places = 1.0 - SENSOR.transmittance, np.ix_([0, 1, 3, 4], [0, 1, 3, 4])
     radii = np.array([[4.8, 5.1]])
-    brute = brute_information(centres[:1], radii)
+    brute = brute_information(centres[:1], radii, 8, True, 0.02)
     found = information(pair_information, discs(centres[:1], radii), absorbed, GROUND)[0]
     np.testing.assert_allclose(*(np.diag(np.linalg.inv(i)) for i in (found, brute)), rtol=0.06)
     radii = np.full((2, 2), 4.8)
-    brute = bounds(brute_information(centres, radii)[places][None], 2.0)
+    brute = bounds(brute_information(centres, radii, 16, False, 1 / 16)[places][None], 2.0)
     found = bounds(information(fisher_information, discs(centres, radii), absorbed, GROUND), 2.0)
     np.testing.assert_allclose(found[:, 0], brute[:, 0], rtol=0.05)
 

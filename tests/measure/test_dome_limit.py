@@ -231,6 +231,7 @@ def test_free_tractions_are_those_of_the_other_form() -> None:
     assert np.sqrt(forward @ posterior @ forward) == pytest.approx(stated.x, rel=1e-3)
 
 
+@pytest.mark.studies
 def test_an_open_zone_ends_with_the_markers() -> None:
     fovea = coarse("fovea", 0.8)
     there = Seen(fovea, hold(fovea.dome, GRIP))

@@ -12,6 +12,7 @@ from msgspec import structs
 from scipy.spatial.transform import Rotation
 
 from chromagrip.measure.bench.force_dome import report_of
+from chromagrip.measure.worlds.dome.across import WORLDS, across_scene, random_grasp
 from chromagrip.measure.worlds.dome.elements import CASES, ElementField, presses
 from chromagrip.measure.worlds.dome.grips import MARGINS, SMOOTH, UNLIKE, Grip, random_grip, turned
 from chromagrip.measure.worlds.dome.readings import UNITS, Reading, constant, read, scores
@@ -297,3 +298,14 @@ def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
     assert rows["thesis/chain/sequential/normal_share"].value == pytest.approx(50.0)
     assert rows["dome-2020/mismatched/frames"].value == 6
     assert [line[0] for line in report.tables[-1].lines] == ["constant", "sequential", "contact"]
+
+
+@pytest.mark.studies
+@pytest.mark.parametrize("world", WORLDS)
+def test_worlds_draw_the_same_grasps(world: str) -> None:
+    found = across_scene(world, 0)
+    if world != "elements":
+        grip = random_grasp(0).drive.normal[-1]
+        assert found.true[:, 0] == pytest.approx(np.full(4, grip), rel=0.03)
+        assert found.true[1:, 3] == pytest.approx(MARGINS, abs=0.06)
+    assert len(found.tracks) > found.scored[-1]

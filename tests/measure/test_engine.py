@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.__main__ import load
 from chromagrip.errors import UserError
 from chromagrip.measure import study as table
+from chromagrip.measure.bench import force as bench_force
 from chromagrip.measure.engine import FIGURES, UNFINISHED, key_of, measure, run_study
 from chromagrip.measure.study import Asked, Entry, Results, Study, studies, study
 from chromagrip.output.report import Report, reported
@@ -41,8 +42,11 @@ def count(results: Results[object, Found]) -> Report:
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=named)
-def test_an_interrupted_study_goes_on(entry: Entry, tmp_path: Path) -> None:
+def test_an_interrupted_study_goes_on(
+    entry: Entry, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Each setting of each study is measured once, whatever it is made of."""
+    monkeypatch.setattr(bench_force, "gl_problem", lambda: None)  # a window takes seconds
     made = entry.make(Asked(quick=True, world=entry.worlds[0]))
     settings = [*made.settings, *made.timed]
     assert settings

@@ -187,6 +187,7 @@ def test_rows_have_stable_names_and_targets_are_asked_of_the_best_alone(
     best, refuses = (f"{__name__}:{reader.__name__}" for reader in (Told, Refusing))
     monkeypatch.setattr(bench_force, "QUICK", {("matched", LIBRARY): 1})
     monkeypatch.setattr(bench_force, "_QUICK_LIMITED", 0)
+    monkeypatch.setattr(bench_force, "gl_problem", lambda: None)
     monkeypatch.setattr(bench_force, "BEST", dict.fromkeys(("single", "0.1s"), best))
     monkeypatch.setattr(bench_force, "scenes", lambda *_, **__: [scene])
     monkeypatch.setattr(force_sets, "scenes", lambda *_, **__: [scene])

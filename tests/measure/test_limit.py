@@ -213,6 +213,7 @@ def test_what_is_needed_is_read_between_the_points() -> None:
 # ---- the design ----
 
 
+@pytest.mark.studies
 def test_fovea_shows_more_than_the_thesis_design(held: Press) -> None:
     thesis, fovea = (force_limit(s, held, 2.0) for s in (THESIS, FOVEA))
     assert fovea.margin < 0.6 * thesis.margin
@@ -225,7 +226,7 @@ def test_fovea_shows_more_than_the_thesis_design(held: Press) -> None:
 # ---- the command ----
 
 
-@pytest.mark.parametrize("body", ["chain", "dome"])
+@pytest.mark.parametrize("body", [pytest.param("chain", marks=pytest.mark.studies), "dome"])
 def test_command_prints_writes_and_draws(
     body: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -235,7 +236,7 @@ def test_command_prints_writes_and_draws(
     asked: dict[str, Any] = {"sensor": (own,)}
     if body == "dome":
         asked |= {"body": "dome", "shears": 1, "azimuth_deg": 30.0}
-    try_few(monkeypatch, "height")
+    try_few(monkeypatch, "noise")
     assert limit(**asked, margin_error=0.05, out=out) == 0
     text = capsys.readouterr().out
     entry = json.loads((out / "limit.json").read_text(encoding="utf-8"))["sensors"][own]

@@ -128,6 +128,7 @@ def test_validation_reaches_what_is_asked(validation: Runs) -> None:
     assert speed[0] == pytest.approx(0.4 / 120.0 * 1e3, rel=0.03)
 
 
+@pytest.mark.studies
 def test_gains_past_their_boundary_do_not_pass_for_the_thesis(validation: Runs) -> None:
     slow = make_job("safety-margin", {"camera.rate_hz": 100.0, "camera.latency_frames": 1})
     runs = run_jobs([], [slow], None, 1, silent)

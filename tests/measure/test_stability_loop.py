@@ -137,6 +137,7 @@ def test_the_node_model_starts_to_swing_near_the_prediction(
     assert onset(setting) / critical_period(setting.linear()) == pytest.approx(1.0, abs=0.3)
 
 
+@pytest.mark.studies
 def test_printed_gains_never_rest_at_a_cameras_rate_and_hold_at_a_kilohertz() -> None:
     kinds = [
         panel for panel in maps(False)["objects"].panels if panel.title.startswith("printed, 100")
