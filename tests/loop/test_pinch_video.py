@@ -16,6 +16,7 @@ from chromagrip.loop.pinch.stage import FINGER_COLOURS, Stage, draw_along, draw_
 from chromagrip.loop.pinch.stage import set_stage as stage_of
 from chromagrip.loop.pinch.video import HEIGHT, SIDE, WIDTH, PinchVideo, _upright
 from chromagrip.loop.pinch.world import Pinched
+from chromagrip.loop.results.dome_picture import FIRST_TOP, TractionPicture
 from chromagrip.loop.rig import Rig
 from chromagrip.loop.run import run
 from chromagrip.loop.sample import Sample, Truth
@@ -133,3 +134,12 @@ def test_a_run_has_a_picture_of_each_instant_of_the_video(tmp_path: Path) -> Non
         shown = pictures(tmp_path / "tactile.mp4")
         assert len(shown) == count
         assert shown[0].shape == (HEIGHT, WIDTH, 3)
+
+
+def test_the_scale_of_pressure_starts_high_and_never_falls(gripped: Sample) -> None:
+    field, mu = gripped.pinch.fingers[0].field, gripped.pinch.fingers[0].friction
+    picture, tops = TractionPicture(scene().build_dome(), 200), []
+    for times in (0.0, 1.0, 100.0, 1.0):
+        picture.draw(replace(field, normal=times * field.normal), mu)
+        tops.append(picture.top)
+    assert tops[0] == tops[1] == FIRST_TOP < tops[2] == tops[3]
