@@ -179,7 +179,7 @@ def test_what_is_read_of_the_rest_frames_is_kept_and_no_run_changes_it() -> None
     def read(friction: float) -> np.ndarray:
         """Γ and places of the markers in the first frames of a grasp."""
         with chromagrip.open(
-            load_scene("margin-60hz", CAMERA | {"object.friction": friction})
+            load_scene("margin-60hz", CAMERA | {"duration_s": 0.04, "object.friction": friction})
         ) as rig:
             rig.reset()
             samples = followed(rig, [2.0, 2.0])

@@ -154,9 +154,9 @@ class Tampered:
 
 def gripped(force: float, pictures: Mapping[int, Frame]) -> list[Sample]:
     """Samples of a constant grip, with a load that rises from frame 3 on."""
-    changes = {"controller": "conservative", "conservative.force_n": force, "duration_s": 0.18}
+    changes = {"controller": "conservative", "conservative.force_n": force, "duration_s": 0.21}
     changes |= {"load.times_s": [0.1, 0.14], "load.forces_n": [0.0, 0.6], "camera.rest_frames": 2}
-    changes |= {"load.interpolation": "linear", "camera.rate_hz": 30.0, "tracker": "quick"}
+    changes |= {"load.interpolation": "linear", "camera.rate_hz": 30.0}
     scene = load_scene("camera-100hz", changes)
     return list(grasp(scene, Tampered(scene, pictures)))  # type: ignore[arg-type]
 
