@@ -17,7 +17,7 @@ from chromagrip.gym.environment import DROP_COST, GripEnv, _most_n
 from chromagrip.gym.observations import FORCES
 
 NAME = "chromagrip/Grasp-v0"
-QUICK = {"camera.rest_frames": 2, "duration_s": 0.3}
+QUICK = {"camera.rest_frames": 2, "duration_s": 0.3, "tracker": "quick"}
 NOISY = QUICK | {"truth.margin_noise": 0.05, "camera.dropped": 0.2, "camera.late": 0.2}
 
 
@@ -45,22 +45,16 @@ def same(one: list[Step], other: list[Step]) -> bool:
     )
 
 
-@pytest.mark.parametrize("observation", ["image", "margin"])
-def test_gymnasium_finds_nothing_wrong(
-    observation: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_gymnasium_finds_nothing_wrong(capsys: pytest.CaptureFixture[str]) -> None:
     """Warnings are errors here; without a display the mode human says so."""
-    env = gymnasium.make(NAME, observation=observation, changes=QUICK | {"duration_s": 0.05})
-    check_env(env.unwrapped, skip_render_check=observation != "margin")
-    assert ("no display" in capsys.readouterr().err) == (observation == "margin")
+    check_env(gymnasium.make(NAME, changes=QUICK | {"duration_s": 0.05}).unwrapped)
+    assert "no display" in capsys.readouterr().err
 
 
-@pytest.mark.loops
 @pytest.mark.parametrize("scene", scene_names())
 def test_gymnasium_finds_nothing_wrong_with_any_scene(scene: str) -> None:
-    for action, observation in (("force", "forces"), ("rate", "margin")):
-        env = gymnasium.make(NAME, scene=scene, action=action, observation=observation)
-        check_env(env.unwrapped, skip_render_check=True)
+    env = gymnasium.make(NAME, scene=scene, action="rate", observation="forces")
+    check_env(env.unwrapped, skip_render_check=True)
 
 
 def test_a_policy_is_told_what_a_controller_is_told() -> None:
@@ -100,7 +94,7 @@ def test_the_image_arrives_with_the_latency_and_is_the_cameras() -> None:
 def test_markers_move_where_the_skin_moves() -> None:
     env = made(observation="markers")
     still, _ = env.reset(seed=0)
-    pressed = rolled(env, [action(3.0)] * 4)[-1][0]
+    pressed = rolled(env, [action(3.0)] * 3)[-1][0]
     assert still.shape == pressed.shape == env.observation_space.shape
     shifts = [np.abs(one.reshape(2, -1, 3)[..., :2]).max() for one in (still, pressed)]
     assert shifts[0] < 0.3
@@ -108,20 +102,14 @@ def test_markers_move_where_the_skin_moves() -> None:
 
 
 @pytest.mark.loops
-@pytest.mark.parametrize(
-    ("name", "changes"),
-    [(NAME, {}), ("chromagrip/Pinch-v0", {"dome.pitch_mm": 0.8, "duration_s": 0.2})],
-)
-def test_worker_processes_give_the_same_bytes(name: str, changes: dict[str, Any]) -> None:
-    made_by = f"chromagrip.gym:{name}"
-    options = {"observation": "forces", "changes": NOISY | changes}
-    makers = [lambda: gymnasium.make(made_by, **options)] * 2
+def test_worker_processes_give_the_same_bytes() -> None:
+    made_by = f"chromagrip.gym:{NAME}"
+    makers = [lambda: gymnasium.make(made_by, observation="forces", changes=NOISY)] * 2
     runs = []
     for vector in (SyncVectorEnv(makers), AsyncVectorEnv(makers, context="forkserver")):
-        first, _ = vector.reset(seed=[4, 5])
-        steps = [first]
+        steps = [vector.reset(seed=[4, 5])[0]]
         rng = np.random.default_rng(0)
-        for _ in range(40 if name == NAME else 16):  # beyond the end, where a new one begins
+        for _ in range(40):  # beyond the end, where a new one begins
             steps.append(vector.step(rng.uniform(-0.5, 0.5, (2, 1)).astype(np.float32))[0])
         vector.close()
         runs.append(np.stack(steps))
@@ -130,19 +118,17 @@ def test_worker_processes_give_the_same_bytes(name: str, changes: dict[str, Any]
 
 
 @pytest.mark.loops
-@pytest.mark.parametrize(
-    ("first", "name"), [("gymnasium", NAME), ("chromagrip", f"chromagrip.gym:{NAME}")]
-)
-def test_environments_are_registered_without_heavy_imports(first: str, name: str) -> None:
-    script = (
-        f"import {first}, sys\n"
-        f"assert {first!r} == 'gymnasium' or 'gymnasium' not in sys.modules\n"
-        "import chromagrip, gymnasium\n"
-        "assert 'cv2' not in sys.modules and 'numba' not in sys.modules\n"
-        f"print(gymnasium.make({name!r}, changes={{'duration_s': 0.1}}).spec.id)"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    assert done.stdout.strip() == NAME, done.stderr
+def test_environments_are_registered_without_heavy_imports() -> None:
+    for first, name in (("gymnasium", NAME), ("chromagrip", f"chromagrip.gym:{NAME}")):
+        script = (
+            f"import {first}, sys\n"
+            f"assert ('gymnasium' in sys.modules) == ('gymnasium' == {first!r})\n"
+            "import chromagrip, gymnasium\n"
+            "assert 'cv2' not in sys.modules and 'numba' not in sys.modules\n"
+            f"print(gymnasium.make({name!r}, changes={{'duration_s': 0.1}}).spec.id)"
+        )
+        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+        assert done.stdout.strip() == NAME, done.stderr
 
 
 def test_holding_gently_pays_best_and_dropping_ends_it() -> None:
@@ -171,19 +157,10 @@ def test_what_slides_pays_for_it() -> None:
             held += 1.0 - info["applied_n"] / 5.0
         slid, total = info["rigid_slip_mm"], total + reward
     assert 0.5 <= slid < 0.6
-    assert total == pytest.approx(held - DROP_COST * slid / 0.5)
-
-
-def test_letting_go_under_a_load_is_a_drop() -> None:
-    env, terminated, info = made(changes={"duration_s": 1.0}), False, {}
-    env.reset(seed=0)
-    rolled(env, [action(2.0)] * 10)
-    while not terminated:
-        *_, terminated, _, info = env.step(action(0.0))
     assert info["dropped"]
-    assert info["time_s"] < 0.16
     with pytest.raises(UserError, match=r"after the end; call reset\(\)"):
         env.step(action(2.0))
+    assert total == pytest.approx(held - DROP_COST * slid / 0.5)
 
 
 def test_an_action_may_be_a_rate() -> None:
@@ -217,17 +194,14 @@ def test_pictures_are_drawn_on_request() -> None:
         env.close()
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
+def test_what_cannot_be_made_is_refused() -> None:
+    for options, words in (
         ({"observation": "sound"}, "observation = 'sound': allowed are image, markers"),
         ({"observation": "markers", "path": "truth"}, "comes from the camera"),
         ({"most_n": 0.0}, r"most_n = 0\.0 must be finite and above 0"),
-    ],
-)
-def test_what_cannot_be_made_is_refused(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(UserError, match=words):
-        made(**options)
+    ):
+        with pytest.raises(UserError, match=words):
+            made(**options)
 
 
 def test_an_action_that_is_no_number_is_refused() -> None:
@@ -241,12 +215,10 @@ def test_an_action_that_is_no_number_is_refused() -> None:
     assert env.step(action(0.4))[4]["time_s"] > 0.0
 
 
-@pytest.mark.parametrize("name", ["chromatouch-2022", "camera-100hz", "pinch-lift"])
-def test_the_largest_grip_holds_the_load_with_room_to_spare(name: str) -> None:
+def test_the_largest_grip_holds_the_load_with_room_to_spare() -> None:
     """Γ = 1 − load/(µ·grip) is at least the usual target of 0.3 on a slippery object."""
-    scene = load_scene(name, {"path": "truth"})
-    load = {1: max(scene.load.forces_n), 2: 0.5e-3 * 9.81 * scene.pinch.mass_g}[scene.fingers]
-    most = _most_n(scene)
-    assert most >= max(5.0, load / (0.3 * 0.7) - 1e-9)
-    rough = load_scene(name, {"path": "truth", "object.friction": 0.9})
-    assert _most_n(rough) == most  # the scale of the actions does not tell the friction
+    for name in ("camera-100hz", "pinch-lift"):
+        scene, rough = (load_scene(name, {"object.friction": mu}) for mu in (0.5, 0.9))
+        carried = {1: max(scene.load.forces_n), 2: 0.5e-3 * 9.81 * scene.pinch.mass_g}
+        assert _most_n(scene) >= max(5.0, carried[scene.fingers] / (0.3 * 0.7) - 1e-9)
+        assert _most_n(rough) == _most_n(scene)  # the scale does not tell the friction

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from subprocess import CompletedProcess
-from types import ModuleType
 
 import pyarrow.parquet as pq
 import pytest
@@ -93,17 +92,6 @@ def test_what_was_late_once_is_not_asked_again() -> None:
         with pytest.raises(NoAnswerError):
             limit.call(*call)
     done.set()
-
-
-def test_the_command_line_has_the_limit(typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
-    module = ModuleType("silent")
-    module.__dict__["Silent"] = Silent
-    monkeypatch.setitem(sys.modules, "silent", module)
-    line = ["grasp", "--path", "truth", "--controller", "silent:Silent", "--json"]
-    done = typed(*line, "--answer-within", "0.2")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("chromagrip: controller silent:Silent did not answer within 0.2")
-    assert done.stderr.count("\n") == 1
 
 
 #: A run that is killed without warning after eight frames.

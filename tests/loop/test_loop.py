@@ -98,10 +98,10 @@ def test_printed_gains_slip_at_camera_rate(scene: str, friction: float) -> None:
 
 def test_the_camera_path_holds_the_object() -> None:
     """The estimate is an estimate: near the truth, and not the truth."""
-    changes = {"duration_s": 0.4, "load.times_s": [0.02, 0.1], "camera.rest_frames": 2}
+    changes = {"duration_s": 0.3, "load.times_s": [0.02, 0.1], "camera.rest_frames": 2}
     result = run(load_scene("margin-30hz", changes))
     summary, trace = result.summary, result.trace
-    assert (summary["complete"], summary["frames"], summary["reconstructor"]) == (True, 13, "way")
+    assert (summary["complete"], summary["frames"], summary["reconstructor"]) == (True, 10, "way")
     assert summary["reading_ms"]["worst"] >= summary["reading_ms"]["p95"] > 0.0
     assert summary["lateral_displacement_mm"] < 0.1
     late = trace["time_s"] > 0.2
@@ -111,11 +111,7 @@ def test_the_camera_path_holds_the_object() -> None:
 
 
 @pytest.mark.loops
-def test_both_controllers_hold_the_object_through_the_camera_for_long() -> None:
-    result = run(load_scene("camera-100hz"))
-    assert result.summary["gross_slip"] is False
-    late = result.trace["margin_true"][result.trace["time_s"] > 1.7 - 1e-9]
-    assert 0.15 < late.min() < late.max() < 0.50
+def test_the_object_is_held_through_the_camera_for_long() -> None:
     # Sum of changes over time [N/s]: the grip is quiet, with an image's noise in every reading.
     trace = run(load_scene("margin-60hz", {"duration_s": 1.7})).trace
     late = trace["time_s"] > 1.2 - 1e-9
@@ -185,10 +181,7 @@ def test_the_pixels_decide() -> None:
 class Moody:
     """Anybody's controller: constant, until it does something else at its sixth sample."""
 
-    answer: object = GripCommand(force=1.5)
-
-    def __init__(self) -> None:
-        self.reset()
+    answer: object = None
 
     def reset(self) -> None:
         self._told = 0
@@ -205,29 +198,20 @@ class Moody:
 QUICK = {"path": "truth", "duration_s": 0.2}
 
 
-def test_anybodys_controller_grips() -> None:
-    trace = run(load_scene("camera-100hz", QUICK), controller=Moody()).trace
-    assert (trace["grip_n"] == 1.5).all()
-    assert trace["normal_true_n"][-1] == pytest.approx(1.5, rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("answer", "words"),
-    [
-        (ZeroDivisionError("no load"), "failed at t = .*: ZeroDivisionError: no load"),
+def test_a_controller_that_answers_nonsense_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is told of frame k at frame k + 1, and fails at what frame 5 shows."""
+    for answer, words in (
+        (
+            ZeroDivisionError("no load"),
+            "failed at t = .* ZeroDivisionError: no load",
+        ),
         ("grip", "answered 'grip' at t = .*; expected a GripCommand with a force in N"),
         (GripCommand(force=float("nan")), "commanded nan N at t = .*; a grip force is finite"),
-        (GripCommand(force=-0.1), "commanded -0.1 N at t = "),
-    ],
-)
-def test_a_controller_that_answers_nonsense_is_stopped(
-    answer: object, words: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Moody, "answer", answer)
-    with pytest.raises(UserError, match=f"^controller .*:Moody {words}") as caught:
-        run(load_scene("camera-100hz", QUICK), controller=Moody())
-    # It is told of frame k at frame k + 1, and fails at what frame 5 shows.
-    assert "at t = 0.05 s, sample 5" in str(caught.value)
+        (GripCommand(force=-0.1), "commanded -0.1 N at t = 0.05 s, sample 5"),
+    ):
+        monkeypatch.setattr(Moody, "answer", answer)
+        with pytest.raises(UserError, match=f"^controller .*:Moody {words}"):
+            run(load_scene("camera-100hz", QUICK), controller=Moody())
 
 
 class Listening:

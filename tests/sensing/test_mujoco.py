@@ -144,20 +144,13 @@ def test_no_force_is_left_behind(how: str) -> None:
 
 
 def test_other_contacts_of_the_fingertip_stay() -> None:
-    other = (
-        '<body name="other" pos="0.1 0.015 0.23"><freejoint/><geom size="0.01" mass="0.01"/></body>'
-    )
+    other = '<body name="other"><freejoint/><geom size="0.01" mass="0.01"/></body>'
     model, data = world(box(0.1) + other, tip=HULL)
-    before = model.geom_contype.copy()
     attach(model, data, site="tip", body="part", two_way=True)
     pairs = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
     pairs |= pairs.T
-    hull_, part, free = (model.geom(k).id for k in ("hull", "box", 3))
-    assert pairs[hull_, free]
-    assert pairs[part, free]
-    assert not pairs[hull_, part]
-    attach(model, data, site="tip", body="part")  # one way leaves contacts as they are
-    assert (model.geom_contype != before).any()
+    hull, part, free = (model.geom(k).id for k in ("hull", "box", 3))
+    assert (pairs[hull, free], pairs[part, free], pairs[hull, part]) == (True, True, False)
 
 
 @pytest.mark.parametrize(
@@ -184,20 +177,12 @@ def test_what_is_missing_is_named() -> None:
     model, data = world(two + '<body name="egg"><geom type="ellipsoid" size="1 1 2"/></body>')
     for wrong, words in (
         ({"site": "finger"}, "no site 'finger'; it has tip"),
-        ({"body": "cup"}, "no body 'cup'; it has egg, part, tip, world"),
         ({"geom": None}, r"2 geoms \(a, b\); choose one: geom=NAME"),
         ({"site": 0}, "the site is given by its name, not by 0"),
-        ({"sensor": 3}, "must be the name or file of a design"),
-        ({"two_way": "no"}, "two_way = 'no' must be True or False"),
         ({"two_way": True, "relaxation": -1.0}, r"relaxation \[s\]"),
-        ({"body": "tip", "geom": None}, "body 'tip' has no geom to touch"),
         ({"body": "egg", "geom": None}, "type ellipsoid cannot be touched"),
     ):
         with pytest.raises(UserError, match=words):
             attach(model, data, **{"site": "tip", "body": "part", "geom": "a"} | wrong)  # type: ignore[arg-type]
-    for pair, words in (
-        ((data, model), "MjModel and MjData, in this order"),
-        ((model, world(box(0.1))[1]), "the MjData is of another model"),
-    ):
-        with pytest.raises(UserError, match=words):
-            attach(*pair, site="tip", body="part", geom="a")
+    with pytest.raises(UserError, match="the MjData is of another model"):
+        attach(model, world(box(0.1))[1], site="tip", body="part", geom="a")
