@@ -75,7 +75,7 @@ def harm(data: Path, draw: Random) -> None:
         harmed(data / draw.choice(sorted(draw.choice((files, tables)))), draw)
 
 
-@few_and_many(6, 600)
+@few_and_many(6, 300)
 def test_damaged_datasets_are_read_or_refused(judged: Judge, whole: Path, count: int) -> None:
     def check(draw: Random) -> None:
         with judged.files(whole / draw.choice(list(RECIPES))) as folder:
@@ -189,7 +189,7 @@ def made(whole: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return made
 
 
-@few_and_many(3, 100)
+@few_and_many(3, 40)
 def test_resume_makes_again_what_is_damaged(
     judged: Judge, made: Path, bytes_of: Callable[[Path], dict[str, str]], count: int
 ) -> None:

@@ -89,7 +89,7 @@ def controls_of(kind: str, server: Any) -> dict[str, Any]:
     return dict(server.gui._gui_input_handle_from_uuid)
 
 
-@few_and_many(60, 10_000)
+@few_and_many(60, 5000)
 def test_no_message_but_an_allowed_one_reaches_the_controls(server: Any, count: int) -> None:
     known, gui = controls_of("dome-1", server), server.gui
     gui._current_file_upload_states["begun"] = {"total_bytes": 10, "transferred_bytes": 4}
