@@ -50,7 +50,7 @@ def test_each_kind_of_error_is_one_line(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
-@pytest.mark.parametrize("words", ["--help", "--version", "list sensors --json"])
+@pytest.mark.parametrize("words", ["--help", "list sensors --json"])
 def test_a_full_output_is_one_line(
     words: str, typed: Typed, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -68,14 +68,6 @@ def test_a_press_beyond_what_was_compared_is_said(tmp_path: Path, typed: Typed) 
     assert "of the silicone's thickness; markers and forces" in done.stderr
 
 
-def test_a_table_that_is_solved_is_said_in_a_log(capsys: pytest.CaptureFixture[str]) -> None:
-    with counting("bar", logged="solving something, once") as move:
-        assert capsys.readouterr().err == ""  # a table that is kept is not solved
-        move(0, 3)
-        move(1, 3)
-    assert capsys.readouterr().err == "chromagrip: solving something, once\n"
-
-
 def test_long_work_is_told_in_lines_where_there_is_no_terminal(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

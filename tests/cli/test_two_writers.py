@@ -33,10 +33,7 @@ SHORT = ("--path", "truth", "--set", "duration_s=0.05")
 COMMANDS = {
     "grasp": ("grasp", *SHORT, "--overwrite"),
     "sweep": ("sweep", *SHORT, "--seeds", "1", "--workers", "1", "--overwrite"),
-    "render": ("render", "--grip", "1", "--overwrite"),
     "dataset make": ("dataset", "make", "tiny", "--n", "1", "--workers", "1"),
-    "dataset resume": ("dataset", "make", "tiny", "--n", "1", "--workers", "1", "--resume"),
-    "reproduce": ("reproduce", "table-2", "--quick", "--overwrite"),
 }
 
 

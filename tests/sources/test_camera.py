@@ -74,13 +74,8 @@ def test_a_camera_that_vanishes_gave_what_it_gave() -> None:
 
 
 @pytest.mark.parametrize(
-    ("delays", "stamped"),
-    [
-        ([0.05, 0.03, 0.01], True),
-        ([60.0, 61.0, 62.0], False),  # of another clock
-        ([-5.0, -4.0, -3.0], False),
-    ],
-)
+    ("delays", "stamped"), [([0.05, 0.03, 0.01], True), ([60.0, 61.0, 62.0], False)]
+)  # the second ones are of another clock
 def test_the_time_of_a_frame_is_the_stamp_of_its_driver(
     delays: list[float], stamped: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -93,9 +88,8 @@ def test_the_time_of_a_frame_is_the_stamp_of_its_driver(
     assert (np.abs(times - (read - read[0])) < 0.005).all() != stamped
 
 
-@pytest.mark.parametrize("name", ["camera:2", "/dev/video2"])
-def test_settings_are_made_and_read_back(name: str) -> None:
-    source = open_source(f"{name}(exposure=120, gain=3, fps=60, width=640, height=480)")
+def test_settings_are_made_and_read_back() -> None:
+    source = open_source("/dev/video2(exposure=120, gain=3, fps=60, width=640, height=480)")
     assert (source.fps, source.fps_from) == (60, "given")
     assert next(source.frames()).image.shape == (4, 6, 3)
     keys = [key for key, _ in Camera.sets]
@@ -113,14 +107,11 @@ def test_settings_are_made_and_read_back(name: str) -> None:
 @pytest.mark.parametrize(
     ("own", "words"),
     [
-        ({cv2.CAP_PROP_FPS: 30.0}, r"did not take fps = 60 \(it has 30\)$"),
-        (
-            {cv2.CAP_PROP_FRAME_HEIGHT: 360.0, cv2.CAP_PROP_EXPOSURE: 156.0},
-            r"did not take height = 480 \(it has 360\), exposure = 120 \(it has 156\)$",
-        ),
+        ({cv2.CAP_PROP_FRAME_HEIGHT: 360.0, cv2.CAP_PROP_EXPOSURE: 156.0},
+         r"did not take height = 480 \(it has 360\), exposure = 120 \(it has 156\)$"),
         ({AUTO: 3.0}, r"did not take auto exposure off \(it has 3, off is 1\)$"),
     ],
-)
+)  # fmt: skip
 def test_what_a_camera_does_not_take_is_one_sentence(
     own: dict[int, float], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

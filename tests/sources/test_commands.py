@@ -15,8 +15,6 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.spatial import KDTree
 
-from chromagrip.pictures.track import track_source
-
 Typed = Callable[..., CompletedProcess[str]]
 RNG = np.random.default_rng(5)
 #: Dark dots, not in a row so that no two are alike [px].
@@ -120,9 +118,3 @@ def test_a_rest_picture_is_no_frame_of_a_pattern(tmp_path: Path, typed: Typed) -
     summary = json.loads(typed("track", "shots/rest-a.png", "shots/*.png", *WORDS, "--json").stdout)
     assert summary["frames"] == 2
     assert summary["rest"] == "shots/rest-a.png, not counted as a frame of the source"
-
-
-def test_an_object_from_python_is_a_source() -> None:
-    outcome = track_source("first:1", Replayed(), palette="dark-dots", tracker="detect", frames=3)
-    assert outcome.summary["source"] == f"{__name__}:Replayed"
-    assert outcome.summary["frames"] == 3

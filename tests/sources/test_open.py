@@ -42,16 +42,11 @@ def test_a_folder_and_patterns_of_it_are_the_same(pattern: str, shots: Path) -> 
     np.testing.assert_array_equal(images(f"{shots}{pattern}"), PICTURES)
 
 
-def test_a_part_of_a_folder_without_its_rest_picture(shots: Path) -> None:
-    np.testing.assert_array_equal(images(shots / "frame-[3-5].png"), PICTURES[3:6])
+def test_parts_of_a_folder_and_files_with_signs_of_a_pattern(shots: Path) -> None:
     left = images(shots / "frame-[3-5].png", without=shots / "frame-4.png")
     np.testing.assert_array_equal(left, PICTURES[[3, 5]])
-
-
-def test_a_file_with_signs_of_a_pattern_is_a_file(tmp_path: Path) -> None:
-    for name in ("press[1].png", "press(1).png", "press*.png"):
-        cv2.imwrite(str(tmp_path / name), PICTURES[0, ..., ::-1])
-        np.testing.assert_array_equal(images(tmp_path / name), PICTURES[:1])
+    cv2.imwrite(str(shots / "press[1].png"), PICTURES[0, ..., ::-1])
+    np.testing.assert_array_equal(images(shots / "press[1].png"), PICTURES[:1])
 
 
 def test_repeated_pictures_are_counted(shots: Path) -> None:
@@ -77,21 +72,15 @@ def test_times_of_an_archive(tmp_path: Path) -> None:
     ("name", "words"),
     [
         ("none.npz", "there is no none.npz; give a picture, a folder of pictures"),
-        ("none.mcap(topic=/a)", r"there is no none.mcap\(topic=/a\); give"),
         ("none", "there is no none; give .* another one of `chromagrip list sources`"),
         ("*.txt", r"pattern \*.txt has no pictures; expected .png"),
         ("json:JSONDecoder", "source 'json:JSONDecoder' has no read; see chromagrip.sources.Frame"),
-        ("mine:Source", "module mine has no Source"),
         ("mine:Own(cont=3)", r"has no argument cont \(did you mean count\?\); it has count, of"),
-        ("mine:Own(count=", "expected module:Class"),
         (5, "source 'builtins:int' has no read"),
-        ("camera:x", "camera:x: expected a camera's number"),
         ("camera:0(fps=60", "expected a camera's number, as camera:0 or camera:0"),
-        ("camera:0(fps)", "is not valid TOML"),
         ("camera:0(exposur=1)", r"has no argument exposur \(did you mean exposure\?\); it has"),
         ("camera:0(gain=high)", "gain = 'high'; expected a number"),
         ("camera:0(width=640)", "width and height go together"),
-        ("pipe:/nowhere", "pipe:/nowhere cannot be read: No such file"),
         ("pipe:a(live=3)", r"expected pipe:FILE or pipe:FILE\(live=true\)"),
     ],
 )
@@ -133,9 +122,7 @@ def _own(monkeypatch: pytest.MonkeyPatch) -> None:
     ("choice", "name", "count", "live"),
     [
         ("mine:Own(count=2, of=some)", "mine:Own(count=2, of=some)", 2, True),
-        ("mine:Stored(count=5)", "mine:Stored(count=5)", 5, False),
         (Stored, f"{__name__}:Stored", 3, False),
-        (Own(4), f"{__name__}:Own", 4, True),
         ("installed", "installed", 3, False),
     ],
 )
@@ -152,20 +139,6 @@ def test_sources_of_ones_own(
     assert [frame.time for frame in frames] == [11.0 - count + k for k in range(count)]
 
 
-def gives(*found: object) -> type:
-    class Gives:
-        def __init__(self) -> None:
-            self.rest = list(found)
-
-        def read(self) -> object:
-            one = self.rest.pop(0)
-            if isinstance(one, BaseException):
-                raise one
-            return one
-
-    return Gives
-
-
 FRAME = (PICTURES[0], 1.0)
 
 
@@ -177,14 +150,22 @@ FRAME = (PICTURES[0], 1.0)
         ((FRAME, UserError("no light in the gel")), "^no light in the gel$"),
         ((FRAME, PICTURES[0]), "it gave the time None; wanted: a number"),
         (((PICTURES[0, ..., 0], 0.0),), r"it gave uint8 \(4, 7\); wanted: \(picture uint8"),
-        ((("picture", 0.0),), "it gave str; wanted"),
         (((PICTURES[0], np.nan),), "it gave the time nan; wanted: a number of seconds"),
         (((PICTURES[0], 2.0), FRAME), "frame 1 of .* has the time 1 s, the one before 2 s"),
     ],
 )
 def test_what_a_source_of_ones_own_must_not_give(found: tuple[object, ...], words: str) -> None:
+    left = list(found)
+
+    class Gives:
+        def read(self) -> object:
+            one = left.pop(0)
+            if isinstance(one, BaseException):
+                raise one
+            return one
+
     with pytest.raises(UserError, match=words):
-        list(open_source(gives(*found)).frames())
+        list(open_source(Gives()).frames())
 
 
 def test_the_list_of_sources(typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -47,13 +47,7 @@ class Trap:
 
 
 class Judge:
-    """Judges what is done with strangers' files; `refused` counts the refusals.
-
-    Parameters
-    ----------
-    typed: runs a command
-    place: folder in which it runs
-    """
+    """Judges what is done with strangers' files in a folder; `refused` counts the refusals."""
 
     def __init__(self, typed: Callable[..., CompletedProcess[str]], place: Path) -> None:
         self.typed, self.place, self.refused = typed, place, 0
@@ -74,14 +68,9 @@ class Judge:
     def command(
         self, *words: object, names: str = "", makes: tuple[str, ...] = (), leaves: bool = False
     ) -> CompletedProcess[str]:
-        """Run a command: it is done, or refused in one line, with nothing left behind.
+        """Run a command: it is done, or refused in one line that names something.
 
-        Parameters
-        ----------
-        words: words of the command
-        names: what the refusal names, as the file's name
-        makes: files and folders that it makes if it is done, and which are then removed
-        leaves: whether a refusal leaves them too
+        What it makes is removed then; a refusal makes nothing, unless it leaves something.
         """
         with self._judged(makes):
             done = self.typed(*words)

@@ -32,7 +32,6 @@ MATRIX = "[9, 0, 4, 0, 9, 3, 0, 0, 1]"
 ATTACKS = {
     "text.yml": ("hello", "it is no YAML, XML or JSON that OpenCV reads"),
     "deep.yml": ("a: " + "[" * 100_000, "it is nested too deeply"),  # OpenCV crashes at these
-    "rows.yml": ("a:\n  " + "- " * 200_000, "it is nested too deeply"),
     "deep.xml": ("<opencv_storage>" + "<a>" * 100_000, "it is nested too deeply"),
     "python.yaml": ("a: !!python/object/apply:os.system ['touch outside/x']", "python.yaml"),
     "bomb.xml": (
@@ -40,7 +39,6 @@ ATTACKS = {
         "</opencv_storage>",
         "bomb.xml",
     ),
-    "aliases.yaml": ("a: &a [1, 1]\nb: &b [*a, *a]\nc: [*b, *b]\n", "aliases.yaml"),
     "zip.npz": ("hello", "it cannot be read: File is not a zip file"),
     "list.json": (
         f'{{"K": {MATRIX}, "D": [1], "distortion_model": [1], "image_size": [9, 9]}}',
@@ -71,9 +69,6 @@ def test_each_kind_of_wrong_file_is_a_sentence(judged: Judge, name: str) -> None
         (lambda f: ros(f, [-0.12, 0.03, 0, 0, 0.01, 0.3, -0.2, 0.1]), "fold the pinhole's"),
         (lambda f: kalibr(f, FIVE[:4], camera="omni"), "camera_model 'omni' is none of ours"),
         (lambda f: kalibr(f, FIVE[:4], "fov"), "distortion_model 'fov' is none of ours; allowed"),
-        (lambda f: ros(f, FIVE[:3]), "pinhole has 3 distortion coefficients; allowed: fisheye"),
-        (lambda f: ros(f, FIVE, "equidistant"), "fisheye has 5 distortion coefficients"),
-        (lambda f: ros(f, FIVE[:2], "''"), "it has 2 distortion coefficients"),
     ],
 )
 def test_lenses_that_are_none_of_ours_are_told(judged: Judge, write: object, told: str) -> None:
