@@ -127,7 +127,9 @@ def off(camera: Any, distortion: list[float], *, fisheye: bool = False) -> float
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_five_coefficients_of_anybody_are_a_pinhole(tmp_path: Path, kind: str) -> None:
+def test_five_coefficients_are_a_pinhole_and_four_are_asked_about(
+    tmp_path: Path, kind: str
+) -> None:
     path = WRITERS[kind](tmp_path, FIVE)
     camera = load_camera(path, (WIDTH, HEIGHT))
     assert isinstance(camera, PinholeCamera)
@@ -137,10 +139,8 @@ def test_five_coefficients_of_anybody_are_a_pinhole(tmp_path: Path, kind: str) -
         with pytest.raises(UserError, match=f"it is for {WIDTH}×{HEIGHT} images, these are 64×48"):
             load_camera(path, (64, 48))
         assert load_camera(path) == camera
-
-
-@pytest.mark.parametrize("kind", [".yml", ".xml", ".json", "arrays", "plain_json"])
-def test_four_coefficients_are_asked_about(tmp_path: Path, kind: str) -> None:
+    if kind in (ros.__name__, echoed.__name__, kalibr.__name__):  # which name their model
+        return
     path = WRITERS[kind](tmp_path, FOUR)
     with pytest.raises(UserError, match=r"does not say whether its four .* give model in"):
         load_camera(path, (WIDTH, HEIGHT))
