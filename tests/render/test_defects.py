@@ -191,11 +191,11 @@ def test_an_open_shutter_draws_a_marker_out() -> None:
 
 def test_white_balance_drifts_slowly_within_its_dial() -> None:
     defects = Defects(white_balance_drift=0.2, drift_frames=50)
-    gains = np.array([white_balance(defects, 4, index) for index in range(50 * 200)])
+    gains = np.array([white_balance(defects, 4, index) for index in range(50 * 100)])
     np.testing.assert_allclose(gains.prod(axis=1), 1.0)
     drift = gains[:, 0] / gains[:, 1] - 1.0
     assert 0.19 < abs(drift).max() <= 0.2
-    assert abs(drift.mean()) < 5 * 0.2 / np.sqrt(3 * 200)
+    assert abs(drift.mean()) < 5 * 0.2 / np.sqrt(3 * 100)
     # The steepest way from one end to the other: 1.5 · 2 · dial in drift_frames.
     assert abs(np.diff(drift)).max() < 1.5 * 0.4 / 50
     # It has no kink where one way ends and the next begins.
