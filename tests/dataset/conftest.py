@@ -38,21 +38,6 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def seed_dome(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A dataset of one short sequence of a dome; not to be changed."""
-    scene = {
-        "body": "dome", "sensor": "dome-2022", "duration_s": 0.1,
-        "camera": {"rate_hz": 20.0, "noise_levels": 1.0},
-    }  # fmt: skip
-    draw: dict[str, Any] = {
-        "motion": {"choice": ["move"]}, "pose.press_share": {"uniform": [0.2, 0.3]}
-    }  # fmt: skip
-    folder = tmp_path_factory.mktemp("data") / "dome"
-    make(Recipe(sequences=1, scene=scene, draw=draw), folder)
-    return folder
-
-
-@pytest.fixture(scope="session")
 def presses() -> Recipe:
     """A press of a dome in two frames, read again, with labels of pixels."""
     scene = {

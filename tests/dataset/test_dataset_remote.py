@@ -1,7 +1,5 @@
 """Datasets at addresses: in memory, and in a bucket of a local server where moto is installed."""
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -111,20 +109,3 @@ def test_an_interrupted_run_goes_on_where_it_was_begun(
 def test_an_address_that_does_not_answer_is_said() -> None:
     with pytest.raises(UserError, match="nowhere://x cannot be used: Protocol not known"):
         check("nowhere://x")
-
-
-@pytest.mark.data
-def test_many_readers_at_once_get_the_whole_dataset(
-    here: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """They copy into one folder, one after the other."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    code = "import sys; from chromagrip.dataset.remote import fetched; print(fetched(sys.argv[1]))"
-    command = [sys.executable, "-c", code, f"file://{here}"]
-    readers = [
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        for _ in range(3)
-    ]
-    found = [reader.communicate(timeout=120) for reader in readers]
-    assert [said for _, said in found] == [""] * 3
-    assert _of_folder(Path(found[0][0].strip())) == _of_folder(here)

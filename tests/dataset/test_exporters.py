@@ -1,6 +1,5 @@
 """What each exporter writes, read back as others read it, is what the dataset has."""
 
-import io
 import json
 import pickle
 import shutil
@@ -174,9 +173,15 @@ pytestmark = pytest.mark.filterwarnings(  # webdataset's
 
 
 @LAYOUT
-def test_an_export_is_the_dataset(
+def test_an_export_is_the_dataset_or_nothing(
     small: Path, loaded: list[Loaded], tmp_path: Path, layout: str
 ) -> None:
+    def stop(done: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        export(small, layout, tmp_path / "out", stop)
+    assert not list(tmp_path.iterdir())
     files = export(small, layout, tmp_path / "out")
     assert files == sorted(path for path in (tmp_path / "out").rglob("*") if path.is_file())
     READERS[layout](tmp_path / "out", loaded)
@@ -198,50 +203,29 @@ def test_an_export_keeps_the_parts_of_a_split(halves: Path, tmp_path: Path, layo
         READERS[layout](tmp_path / "out" / part, sequences)
 
 
-@LAYOUT
-def test_an_export_that_breaks_off_leaves_nothing(
-    small: Path, halves: Path, tmp_path: Path, layout: str
-) -> None:
-    def stop(done: int) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        export(small, layout, tmp_path / "out", stop)
-    assert not list(tmp_path.iterdir())
+def test_what_is_spoilt_is_not_exported(halves: Path, tmp_path: Path) -> None:
     spoilt = shutil.copytree(halves, tmp_path / "spoilt")
     (spoilt / "sequence-000001" / "frame-002.png").write_bytes(b"x")
     for folder, words in ((spoilt, r"frame-002\.png has changed"), (tmp_path, "is no dataset")):
         with pytest.raises(UserError, match=words):
-            export(folder, layout, tmp_path / "out")
+            export(folder, "coco", tmp_path / "out")
     (spoilt / "split.json").write_text('{"train": ["sequence-000000"]}')
     with pytest.raises(UserError, match="each sequence of the dataset once"):
-        export(spoilt, layout, tmp_path / "out")
+        export(spoilt, "coco", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("layout", ["webdataset", "lerobot"])
-def test_forces_and_readings_of_a_dome_are_exported(
-    pressed: Path, tmp_path: Path, layout: str
-) -> None:
+def test_forces_and_readings_of_a_dome_are_exported(pressed: Path, tmp_path: Path) -> None:
     sequences = list(load_sequences(pressed))
-    export(pressed, layout, tmp_path / "out")
-    READERS[layout](tmp_path / "out", sequences)
-    if layout == "lerobot":
-        info = json.loads((tmp_path / "out" / "meta" / "info.json").read_text("utf-8"))
-        assert info["features"]["reading.forces"]["names"] == list(READ_FORCES)
-        table = pq.read_table(tmp_path / "out" / "data/chunk-000/file-000.parquet")
-        told = np.array(table["reading.forces"].to_pylist()).T
-        for values, name in zip(told, READ_FORCES, strict=True):
-            wanted = np.concatenate([one.frames[name] for one in sequences])
-            np.testing.assert_allclose(values, wanted, rtol=1e-6)
-        return
-    with tarfile.open(tmp_path / "out" / "frames-000000.tar") as tar:
-        file = tar.extractfile("000000-001.npz")
-        assert file is not None
-        nodes = np.load(io.BytesIO(file.read()))
-    wanted = sequences[0].markers["node_friction_y_n"][1]
-    assert np.array_equal(nodes["node_friction_y_n"], wanted)
-    assert wanted.any()
+    for layout in ("webdataset", "lerobot"):
+        export(pressed, layout, tmp_path / layout)
+        READERS[layout](tmp_path / layout, sequences)
+    info = json.loads((tmp_path / "lerobot" / "meta" / "info.json").read_text("utf-8"))
+    assert info["features"]["reading.forces"]["names"] == list(READ_FORCES)
+    table = pq.read_table(tmp_path / "lerobot" / "data/chunk-000/file-000.parquet")
+    told = np.array(table["reading.forces"].to_pylist()).T
+    wanted = [np.concatenate([one.frames[name] for one in sequences]) for name in READ_FORCES]
+    np.testing.assert_allclose(told, wanted, rtol=1e-6)
 
 
 #: Layout that LeRobot 0.6.1 writes for the same features: keys of `meta/info.json`, its own
@@ -331,35 +315,10 @@ def test_statistics_for_lerobot_pass_over_what_is_not_known(
     x = np.stack([one.markers["x_px"] for one in changed]).astype(float)
     assert stats[MARKERS]["max"][0] == np.nanmax(x)
     known = second.frames["margin"].astype(np.float32).astype(float)
-    at = FORCES.index("margin")
-    for kind in ("min", "max", "mean", "std"):
-        wanted = getattr(np, f"nan{kind}")(known)
-        assert stats["label.forces"][kind][at] == pytest.approx(wanted, rel=1e-9)
+    found = stats["label.forces"]["std"][FORCES.index("margin")]
+    assert found == pytest.approx(np.nanstd(known), rel=1e-9)
     rows = pq.read_table(tmp_path / "out/data/chunk-000/file-000.parquet")[MARKERS].to_pylist()
     assert np.isnan(np.array(rows)[:, 0, 5, 0]).tolist() == [False] * FRAMES + [True] * FRAMES
-    fewer = {name: second.markers[name][:, :-10] for name in ("x_px", "y_px")}
-    with pytest.raises(UserError, match="sequence 1 has 103 markers of each colour, not 108"):
-        write_lerobot(iter([first, replace(second, markers=fewer)]), tmp_path / "no", {"train": 2})
-
-
-@pytest.mark.environments
-@pytest.mark.filterwarnings("default")  # other people's
-def test_lerobot_is_as_its_reader_takes_it(
-    small: Path, loaded: list[Loaded], tmp_path: Path
-) -> None:
-    """Runs where LeRobot is installed, which brings some gigabytes along."""
-    reader = pytest.importorskip("lerobot.datasets.lerobot_dataset")
-    export(small, "lerobot", tmp_path / "out")
-    read = reader.LeRobotDataset("local/tiny", root=tmp_path / "out", video_backend="pyav")
-    assert (len(read), read.num_episodes, read.fps) == (3 * FRAMES, 3, 60)
-    for number in (0, 4, 8):
-        item, one, t = read[number], loaded[number // FRAMES], number % FRAMES
-        assert (int(item["episode_index"]), item["task"]) == (one.number, one.values["motion"])
-        np.testing.assert_array_equal(item[MARKERS].numpy(), one.places[t].astype(np.float32))
-        forces = [one.frames[name][t] for name in FORCES]
-        np.testing.assert_allclose(item["label.forces"].numpy(), forces, rtol=1e-6)
-        picture = 255.0 * item[CAMERA].permute(1, 2, 0).numpy()
-        assert np.sqrt(((picture - list(one.images())[t]) ** 2).mean()) < 4.0
 
 
 def test_items_for_torch_are_those_of_the_dataset(
@@ -396,8 +355,6 @@ def test_items_for_torch_are_those_of_the_dataset(
     np.testing.assert_array_equal(dense["depth"].numpy(), depth)
     for folder, words, said in (
         (halves, {"labels": ("flow",)}, r"no label 'flow' in .*; there is frame, time_s"),
-        (halves, {"part": "dev"}, "no part 'dev'"),
-        (halves, {"noise": -1}, "noise = -1"),
         (pressed, {"labels": ("reading_no_estimate",)}, "'reading_no_estimate' is words"),
     ):
         with pytest.raises(UserError, match=said):

@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,7 +19,6 @@ import trimesh
 from chromagrip import UserError, load_scene
 from chromagrip.live import session as module
 from chromagrip.live.record import FROM, Recorder
-from chromagrip.live.serve import check_port
 from chromagrip.live.session import Session, Shown
 from chromagrip.live.sliders import OBJECTS, SliderValues, scene_for, slider_values
 from chromagrip.loop.results.run_folder import read_run
@@ -76,21 +74,6 @@ def test_more_grip_presses_more(name: str) -> None:
     assert strong == pytest.approx(3.0, rel=0.05)
 
 
-@pytest.mark.loops
-def test_load_twist_and_azimuth_of_a_dome() -> None:
-    with live(load_scene("dome-1", DOME)) as (session, watched):
-        later(watched, 2)
-        pulled = replace(session.sliders, automatic=False, grip=4.0, load=0.5, azimuth=90.0)
-        session.ask(replace(pulled, twist=0.0))
-        sideways = later(watched, 80).sample
-        session.ask(replace(pulled, twist=3.0))
-        twisted = later(watched, 80).sample
-    pull = sideways.field.friction.sum(axis=0)
-    assert abs(pull[1]) == pytest.approx(0.5, rel=0.1)
-    assert abs(pull[0]) < 0.05
-    assert twisted.contact.turn > sideways.contact.turn + np.radians(0.5)
-
-
 def test_slippery_objects_have_less_margin_and_a_restart_begins_at_time_0() -> None:
     with live(load_scene("camera-100hz", TRUTH)) as (session, watched):
         later(watched, 2)
@@ -113,12 +96,7 @@ def test_slippery_objects_have_less_margin_and_a_restart_begins_at_time_0() -> N
 def test_wishes_are_checked_like_a_file() -> None:
     for name in ("camera-100hz", "dome-1"):
         base = load_scene(name, {"path": "truth"})
-        keys = ("load", "friction", "stiffness", "noise", "latency")
-        dome = ("azimuth", "twist", "tilt") if name == "dome-1" else ()
-        for key, value in product(keys + dome, (math.nan, math.inf, 1e308, -1.0)):
-            turned = key == "azimuth" and math.isfinite(value)  # any number of turns
-            if turned or (value == -1.0 and key in ("load", "twist", "tilt")):
-                continue
+        for key, value in product(("load", "friction", "stiffness", "latency"), (math.nan, 1e308)):
             with pytest.raises(UserError):
                 scene_for(base, replace(slider_values(base), **{key: value}))
     base = load_scene("dome-1", {"path": "truth", "object.radius_mm": 9.0})
@@ -138,7 +116,7 @@ def test_wishes_are_checked_like_a_file() -> None:
 
 
 def test_what_breaks_a_grasp_is_told_and_the_next_one_goes_on(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, until: Until
 ) -> None:
     def broken(base: Scene, sliders: SliderValues) -> Scene:
         return scene_for(base, sliders) if sliders.latency != 3 else base.nothing  # type: ignore[attr-defined]
@@ -147,17 +125,12 @@ def test_what_breaks_a_grasp_is_told_and_the_next_one_goes_on(
     with live(load_scene("camera-100hz", TRUTH)) as (session, watched):
         later(watched, 2)
         good = session.sliders
-        bads: list[tuple[dict[str, Any], str]] = [
-            ({"controller": "nobody"}, "nobody"),
-            ({"latency": 3}, "the grasp failed (AttributeError: "),
-        ]
-        for bad, sentence in bads:
-            session.ask(replace(good, **bad))
-            for _ in range(200):
-                if watched.told and watched.told[-1]:
-                    break
-                time.sleep(0.02)
-            assert sentence in watched.told[-1]
+        for key, bad, sentence in (
+            ("controller", "nobody", "nobody"),
+            ("latency", 3, "the grasp failed (AttributeError: "),
+        ):
+            session.ask(replace(good, **{key: bad}))
+            until(lambda sentence=sentence: sentence in "".join(watched.told[-1:]))
             session.ask(replace(good, controller="conservative"))
             later(watched, 3)
             session.check()
@@ -176,14 +149,6 @@ def test_a_pause_stands_and_a_step_is_one_frame() -> None:
         later(watched, 1)
         time.sleep(0.2)
         assert len(watched.shown) == standing + 1
-
-
-def test_a_port_in_use_is_a_sentence() -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        with pytest.raises(UserError, match=r"port \d+ cannot be used: .*; choose another"):
-            check_port("127.0.0.1", taken.getsockname()[1])
 
 
 @pytest.mark.parametrize("name", ["camera-100hz", "dome-1"])
@@ -233,8 +198,7 @@ def test_a_recording_is_a_run_with_its_sliders_as_steps(tmp_path: Path, until: U
         until(lambda: watched.kept[-1].startswith("recorded"))
     folder = tmp_path / "kept/001"
     run = read_run(folder)
-    names = {"figure.png", "report.html", "scene.toml", "sliders.csv", "summary.json"}
-    assert {f.name for f in folder.iterdir()} == names | {"tactile.mp4", "trace.parquet"}
+    assert {"report.html", "sliders.csv", "tactile.mp4"} < {f.name for f in folder.iterdir()}
     of = run.columns
     assert of["time_s"][0] == 0.0
     np.testing.assert_allclose(np.diff(of["time_s"]), 0.02, atol=1e-9)
@@ -252,15 +216,6 @@ def test_a_recording_is_a_run_with_its_sliders_as_steps(tmp_path: Path, until: U
         sliders = list(csv.DictReader(file))
     assert [float(line["load"]) for line in sliders] == [0.2, 0.5]
     assert sliders[0]["grip"] == "3.0"
-
-
-@pytest.mark.loops
-def test_a_server_that_stops_leaves_the_recording_whole(tmp_path: Path) -> None:
-    with live(load_scene("camera-100hz", TRUTH), tmp_path, record=True) as (_, watched):
-        later(watched, 42)
-    run = read_run(tmp_path / "001")
-    assert len(run.columns["time_s"]) >= 40
-    assert not (tmp_path / "001/.parts").exists()
 
 
 def test_a_moment_is_no_recording(tmp_path: Path, until: Until) -> None:
@@ -282,13 +237,15 @@ def test_where_no_folder_can_be_the_grasp_goes_on(tmp_path: Path) -> None:
 
 
 @pytest.mark.loops
-def test_another_grasp_ends_the_recording(tmp_path: Path) -> None:
+def test_another_grasp_and_a_server_that_stops_end_the_recording(tmp_path: Path) -> None:
     with live(load_scene("camera-100hz", TRUTH), tmp_path, record=True) as (session, watched):
-        later(watched, 40)
+        later(watched, 42)
         session.ask(replace(session.sliders, latency=3))
         later(watched, 60)
-    latencies = [read_run(tmp_path / name).scene.camera.latency_frames for name in ("001", "002")]
-    assert latencies == [1, 3]
+    runs = [read_run(tmp_path / name) for name in ("001", "002")]
+    assert [one.scene.camera.latency_frames for one in runs] == [1, 3]
+    assert len(runs[0].columns["time_s"]) >= 40
+    assert not list(tmp_path.glob("*/.parts"))
 
 
 @pytest.mark.loops

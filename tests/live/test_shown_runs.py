@@ -13,7 +13,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from chromagrip import load_scene
 from chromagrip.live import replay as module
 from chromagrip.live.replay import Replay, not_repeated
 from chromagrip.live.run_page import RunPage
@@ -21,11 +20,8 @@ from chromagrip.live.view import GraspView
 from chromagrip.live.watch import Looked, Looking, Watcher, WatchPage
 from chromagrip.loop.results.run_folder import read_run
 from chromagrip.output.video import VideoFile
-from chromagrip.outside.grasp import run_outside
 from chromagrip.pictures.estimate import estimate_source
 from chromagrip.sources import open_source
-
-from .conftest import DOME_RUN
 
 Until = Callable[..., None]
 
@@ -103,23 +99,6 @@ def test_what_differs_is_said_and_of_a_long_run_every_second_frame_is_kept(
         assert "it differs from the record**, the true Γ by up to 0.01" in played(page, until)
         times = [kept.time for kept in page._replay.frames]
     assert times == pytest.approx(np.arange(3) * 0.04)
-
-
-@pytest.mark.loops
-def test_frames_from_outside_have_curves_alone(
-    viser_server: Any, dome_run: Path, tmp_path: Path, until: Until
-) -> None:
-    taken = tmp_path / "taken"
-    shutil.copytree(dome_run / "frames", taken)
-    (taken / "rest.png").rename(taken / "a-1.png")
-    shutil.copyfile(taken / "a-1.png", taken / "a-2.png")
-    run_outside(load_scene("dome-1", DOME_RUN), str(taken), tmp_path / "run", fps=50.0)
-    with shown(viser_server, tmp_path / "run") as page:
-        said = played(page, until)
-        assert page._replay.frames == []
-    assert "cannot be repeated, its frames came from outside; only its curves are shown" in said
-    assert "true:" not in said
-    assert "estimated: Γ" in said
 
 
 def test_a_recording_shows_its_video(
@@ -203,17 +182,6 @@ def test_a_video_pauses_steps_and_is_shown_again(taken: Path, tmp_path: Path, un
         until(lambda: len(watched.told) == 2)
     assert len(watched.shown) == 14
     assert watched.shown[7].reading.frame.time == 0.0
-
-
-@pytest.mark.loops
-def test_pictures_that_break_off_are_a_sentence(taken: Path, tmp_path: Path, until: Until) -> None:
-    for file in sorted(taken.iterdir())[:4]:
-        (tmp_path / file.name).write_bytes(file.read_bytes())
-    (tmp_path / "z.png").write_bytes(b"\x89PNG")
-    with watching(looking(tmp_path)) as (_, watched):
-        until(lambda: watched.told)
-    assert "z.png cannot be read" in watched.told[0]
-    assert len(watched.shown) == 4
 
 
 def test_the_page_shows_estimates_and_no_truth(

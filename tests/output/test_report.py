@@ -17,7 +17,6 @@ from chromagrip.output.report import (
     report_markdown,
     reported,
     score_table,
-    table_lines,
     values,
     within,
 )
@@ -48,7 +47,6 @@ def test_json_keeps_its_keys_and_names() -> None:
     wanted = {"name": "jerk-1/camera/gross", "value": 2.0, "unit": "runs", "target": "0…1"}
     assert entries[0] == wanted | {"met": False}
     assert (entries[2]["target"], entries[2]["met"]) == (None, None)
-    assert entries[3]["note"] == "it refused the frames"
     assert values(ROWS)["speed", "fit"] == 250.0
     assert (ROWS[0].subject, ROWS[0].score) == (("jerk-1", "camera"), "gross")
     assert Row(("a", "b"), "c", 1.0).name == "a/b/c"
@@ -63,15 +61,6 @@ def test_a_table_of_scores_has_a_column_for_each_case() -> None:
     table = score_table(rows, lambda row: row.subject[1])
     assert table.header == ("score", "my/module:Mine", "fit")
     assert table.lines == (("lost", "3", "–"), ("time [ms]", "12.3", "–"))
-
-
-def test_a_wide_table_is_broken_into_blocks_of_columns() -> None:
-    table = Table(("name", *(f"column {k}" for k in range(9))), (("line", *"123456789"),))
-    lines = list(table_lines(table, width=40))
-    assert max(map(len, lines)) <= 40
-    assert sum(line.startswith("line") for line in lines) == 3
-    cells = [cell for line in lines if line.startswith("line") for cell in line.split()[1:]]
-    assert cells == list("123456789")
 
 
 def test_figures_without_a_target_are_left_to_the_tables(capsys: pytest.CaptureFixture) -> None:

@@ -3,7 +3,6 @@
 import json
 import math
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -44,14 +43,14 @@ def test_values_are_those_given_and_nan_is_null(tmp_path: Path) -> None:
 
 
 def test_no_text_becomes_markup(tmp_path: Path) -> None:
-    for text in ("</script><b>", "<img src=x>", '"quoted" & more', "µ Γ"):
-        run = a_run(text, words=(text,), facts=((text, text),))
-        write_run_page(tmp_path / "page.html", [run, a_run("other")], text)
-        page = (tmp_path / "page.html").read_text("utf-8")
-        assert data_of(tmp_path / "page.html")[0]["name"] == text
-        assert "<b>" not in page
-        assert "<img" not in page
-        assert page.count("<script") == page.count("</script>")
+    text = '</script><b><img src=x>"quoted" & more'
+    run = a_run(text, words=(text,), facts=((text, text),))
+    write_run_page(tmp_path / "page.html", [run, a_run("other")], text)
+    page = (tmp_path / "page.html").read_text("utf-8")
+    assert data_of(tmp_path / "page.html")[0]["name"] == text
+    assert "<b>" not in page
+    assert "<img" not in page
+    assert page.count("<script") == page.count("</script>")
 
 
 def test_a_long_run_is_thinned_and_says_so(tmp_path: Path) -> None:
@@ -61,25 +60,3 @@ def test_a_long_run_is_thinned_and_says_so(tmp_path: Path) -> None:
     assert len(data_of(tmp_path / "page.html")[0]["time"]) <= MOST_INSTANTS
     assert f"part of the {3 * MOST_INSTANTS + 1} frames" in (tmp_path / "page.html").read_text()
     assert not a_run().left_out
-
-
-@pytest.mark.browser
-def test_runs_of_two_scenes_have_plots_of_their_own(
-    tmp_path: Path, browsing: Callable[[int], Any]
-) -> None:
-    """Rows of a legend are the runs of one scene, its columns the kinds of curves."""
-    runs = [a_run(f"run {k}", scene="lifted" if k < 4 else "tilted") for k in range(6)]
-    write_run_page(tmp_path / "page.html", runs, "title")
-    assert [run["scene"] for run in data_of(tmp_path / "page.html")][3:5] == ["lifted", "tilted"]
-    with browsing(720) as browser:
-        made = browser.made
-        made.get((tmp_path / "page.html").as_uri())
-        heads = made.find_elements("css selector", "#panels h2")
-        assert [head.text for head in heads] == ["lifted", "tilted"]
-        rows = [
-            [row.text.split(" ")[:2] for row in panel.find_elements("css selector", "tr")[1:]]
-            for panel in made.find_elements("css selector", ".panel")
-        ]
-        assert rows == [[["run", str(k)] for k in those] for those in (range(4), range(4, 6))]
-        assert made.execute_script("return document.body.scrollWidth") <= 720
-        assert browser.complaints() == []

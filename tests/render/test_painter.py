@@ -1,13 +1,12 @@
 """How the painter covers pixels: outlines, edges of two layers, pictures that are drawn over."""
 
 import numpy as np
-import pytest
 from scipy.stats import multivariate_normal, norm
 
 from chromagrip.render import Membrane, MembraneMap, load_sensor
 from chromagrip.render.colour import decode_srgb, encode_srgb
-from chromagrip.render.drawing.coverage import covered_by_both, edge_width, togetherness
-from chromagrip.render.drawing.painter import Painter, coverage_image
+from chromagrip.render.drawing.coverage import covered_by_both, togetherness
+from chromagrip.render.drawing.painter import Painter
 from chromagrip.render.outlines import centroids, outlines
 
 SENSOR = load_sensor("thesis")
@@ -21,47 +20,11 @@ def coefficients(centres: np.ndarray, shapes: np.ndarray) -> np.ndarray:
     return out
 
 
-def paint(centre: np.ndarray, shape: np.ndarray, blur: float, square: bool = False) -> np.ndarray:
-    outline = coefficients(centre[None], shape[None])
-    return coverage_image(outline, edge_width(blur), square, (37, 41)).astype(float)
-
-
 def dragged(share: float) -> Membrane:
     """The thesis' skin with a dent that is dragged along x."""
     place = np.linspace(-1.0, 1.0, 201)
     dent = share * 0.4e-3 * np.exp(-((place / 0.25) ** 2))
     return MembraneMap(SENSOR, 201)(np.column_stack([0.6 * dent, -dent]))
-
-
-@pytest.mark.parametrize("blur", [0.4, 1.2])
-@pytest.mark.parametrize("square", [False, True])
-def test_area_and_centroid_of_an_outline(blur: float, square: bool) -> None:
-    """Blur and pixels conserve area; the centroid is where it was put to 0.005 px."""
-    # Corners of squares are products of two edges, which turn but do not shear.
-    shape = np.array([[4.8, -3.6], [3.6, 4.8]]) if square else np.array([[6.0, 1.0], [-0.5, 4.0]])
-    y, x = np.mgrid[:37, :41]
-    for centre in np.random.default_rng(0).uniform([17, 16], [23, 20], (4, 2)):
-        dark = paint(centre, shape, blur, square)
-        area = (4.0 if square else np.pi) * np.linalg.det(shape)
-        assert dark.sum() == pytest.approx(area, rel=0.004)
-        found = np.array([(dark * x).sum(), (dark * y).sum()]) / dark.sum()
-        np.testing.assert_allclose(found, centre, atol=0.005)
-    corner = paint(np.array([20.0, 18.0]), 6 * np.eye(2), 0.8, square=True)[24, 26]
-    assert corner == pytest.approx(0.25, abs=1e-3)
-
-
-def test_edge_is_a_blurred_disc() -> None:
-    """Against brute force: a finely sampled disc, box-filtered to pixels and blurred."""
-    fine, blur, radius = 15, 0.8, 4.7
-    centre = np.array([20.3, 18.6])
-    y, x = (np.mgrid[: 37 * fine, : 41 * fine] + 0.5) / fine - 0.5
-    inside = ((x - centre[0]) ** 2 + (y - centre[1]) ** 2 < radius**2).astype(float)
-    covered = inside.reshape(37, fine, 41, fine).mean(axis=(1, 3))
-    kernel = np.exp(-0.5 * (np.arange(-6, 7) / blur) ** 2)
-    kernel /= kernel.sum()
-    for axis in (0, 1):
-        covered = np.apply_along_axis(lambda v: np.convolve(v, kernel, "same"), axis, covered)
-    assert abs(paint(centre, radius * np.eye(2), blur) - covered).max() < 0.02
 
 
 def test_redrawing_what_moved_is_redrawing_all_bit_for_bit() -> None:

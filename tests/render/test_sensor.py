@@ -84,31 +84,22 @@ def test_camera_from_a_calibration_file_whose_model_may_be_open(tmp_path: Path) 
     assert load_sensor(changed(tmp_path, own)).view.camera == camera
     with pytest.raises(UserError, match=r"does not say whether .* give model in \[camera\]"):
         load_sensor(changed(tmp_path, own | {"camera.model": None}))
-    np.savez(tmp_path / "lens.npz", mtx=matrix, dist=lens, distortion_model="plumb_bob")
-    with pytest.raises(UserError, match="its lens is a pinhole, not a fisheye"):
-        load_sensor(changed(tmp_path, own))
 
 
 REFUSED: list[tuple[str, dict[str, Any], str]] = [
     (DOME, {"magenta.size_mm": 2.0}, r"magenta markers \d+ and \d+ overlap: .* mm apart, 2 mm in"),
     (DOME, {"camera.focal_px": [400.0, 400.0]}, r"\d+ of 400 magenta.*outside the 640×480"),
-    (DOME, {"camera.centre_px": [9999.0, 0.0]}, "camera: it sees none of the markers"),
     (DOME, {"camera.position_mm": 7.0}, r"position_mm = 7 must be within ±6, the hollow"),
     (FLAT, {"camera.position_mm": -7.0}, r"position_mm = -7 must be below -8, the base of the pad"),
-    (DOME, {"camera.distortion": [0.1]}, "must be 4 numbers, got 1"),
-    (DOME, {"camera.distortion": [-1.0, 0.0, 0.0, 0.0]}, "folds the fisheye's image"),
     (DOME, {"skin.hollow_mm": 9.0}, "hollow_mm must be less than skin.radius_mm"),
     (DOME, {"yellow.depth_mm": 3.0}, "yellow.depth_mm = 3.0 must be less than the silicone's 2"),
     (DOME, {"magenta.follow": 0.0}, "magenta.follow = 0 must be above 0"),
-    (DOME, {"layout.pitch": 3.0}, r"unknown key layout.pitch \(did you mean layout.pitch_mm\?\)"),
-    (DOME, {"layout": {"kind": "file", "path": "none.csv"}}, "layout file .*none.csv cannot be"),
     (
         DOME,
         {"layout": {"kind": "grid", "rows": 60, "columns": 2, "pitch_mm": 1.0}},
         "lie off the skin",
     ),
     (FLAT, {"layout": {"kind": "spiral", "count": 9, "coverage_deg": 50.0}}, "need a dome"),
-    (DOME, {"magenta.transmittance": [0.6, 1.4, 0.2]}, r"magenta.transmittance\[1\] = 1.4"),
 ]
 
 
@@ -117,11 +108,5 @@ def test_what_cannot_be_is_refused_in_a_sentence(tmp_path: Path) -> None:
         with pytest.raises(UserError, match=words) as caught:
             load_sensor(changed(tmp_path, changes, base))
         assert "\n" not in str(caught.value)
-    (tmp_path / "bad.toml").write_text("skin = ")
-    for name, words in (
-        ("gelsight", "no sensor design 'gelsight'; there is chromatouch-next, dome-2020, dome-20"),
-        ("none.toml", "sensor file none.toml cannot be read: No such file"),
-        (str(tmp_path / "bad.toml"), "is not valid TOML"),
-    ):
-        with pytest.raises(UserError, match=words):
-            load_sensor(name)
+    with pytest.raises(UserError, match="no sensor design 'gelsight'; there is chromatouch-next"):
+        load_sensor("gelsight")
