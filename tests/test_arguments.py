@@ -53,12 +53,7 @@ NEEDS = (
     ("name", "arguments", "sentence"),
     [
         ("mine:Typed", {}, NEEDS),
-        ("mine:Typed", {"serial": 7}, "gripper 'mine:Typed': serial = 7; expected a text in"),
-        (
-            "mine:Typed",
-            {"flor": True},
-            "gripper 'mine:Typed' has no argument flor (did you",
-        ),
+        ("mine:Typed", {"flor": True}, "gripper 'mine:Typed' has no argument flor (did you"),
         ("mine:Mine(serial=a)", {}, "gripper 'mine:Mine(serial=a)' needs gain (a number); it has"),
     ],
 )
@@ -88,17 +83,13 @@ class Third(Mine):
 @pytest.mark.parametrize(
     ("name", "value", "expected"),
     [
-        ("serial", "a", ""),
         ("serial", 12.5, "a text in quotes"),
         ("gain", 2, ""),
-        ("gain", True, "a number"),
-        ("gain", "2", "a number"),
         ("mode", "fast", ""),
+        ("gain", True, "a number"),
         ("mode", "quick", "fast or safe"),
-        ("unit", 9, ""),
         ("unit", 9.5, "a whole number"),
         ("floor", 1, "true or false"),
-        ("floor", [True], "true or false"),
         ("places", "here", ""),  # what is allowed there is not known
         ("gain", np.float32(2.0), ""),  # from Python
     ],

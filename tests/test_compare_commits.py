@@ -1,7 +1,6 @@
 """The comparison of commits finds what differs, and nothing else."""
 
 import json
-import subprocess
 from pathlib import Path
 
 import cv2
@@ -9,14 +8,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-
-#: A program that writes what it was told, or breaks.
-PROGRAM = """
-import sys
-from pathlib import Path
-if 'later' in sys.argv: print('error: no word later', file=sys.stderr), sys.exit(2)
-Path(sys.argv[-1], 'said.txt').write_text(' '.join(sys.argv[1:-2]))
-"""
 
 
 def fill(folder: Path, time: float, rows: str, level: int) -> Path:
@@ -49,33 +40,3 @@ def test_every_difference_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         "changed  job: trace.parquet: time_s: up to 0.025",
         "new      job: more.toml",
     ]
-
-
-@pytest.mark.environments
-def test_a_checkout_is_compared_with_its_commit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    import compare_commits  # type: ignore[import-not-found]
-    from compared.jobs import job
-
-    tree = tmp_path / "tree"
-    main = tree / "src/chromagrip/__main__.py"
-    main.parent.mkdir(parents=True)
-    (main.parent / "__init__.py").touch()
-    main.write_text(PROGRAM)
-    (tree / ".gitignore").write_text("__pycache__/\n")
-    who = ["-c", "user.name=a", "-c", "user.email=a@b"]
-    for words in (["init", "-q"], ["add", "."], [*who, "commit", "-qm", "first"]):
-        subprocess.run(["git", "-C", str(tree), *words], check=True)
-    jobs = [job("one", "later", "old", quick=True), job("two", "a")]
-    monkeypatch.setattr(compare_commits, "JOBS", jobs)
-    words = ["HEAD", "--here", str(tree), "--keep", str(tmp_path / "kept")]
-    assert compare_commits.main(words) == 0
-    assert compare_commits.main([*words, "--tier", "quick"]) == 0
-    said = capsys.readouterr().out
-    assert "0 changed, 0 new, 0 gone in 2 jobs" in said
-    assert said.count("kept") == 2
-    main.write_text(PROGRAM.replace("' '.join", "'!' + ' '.join"))
-    assert compare_commits.main(words) == 1
-    assert "changed  two: said.txt: bytes" in capsys.readouterr().out.splitlines()

@@ -32,14 +32,6 @@ def test_example(
     assert len(path.read_text(encoding="utf-8").splitlines()) < 80
 
 
-@pytest.mark.parametrize("scene", ["press", "shear", "pencil"])
-def test_scenes_of_the_dome(scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    picture = tmp_path / "picture.png"
-    monkeypatch.setattr(sys, "argv", ["dome_contact.py", scene, str(picture)])
-    runpy.run_path(str(ROOT / "examples/dome_contact.py"), run_name="__main__")
-    assert picture.stat().st_size > 20_000
-
-
 def test_three_processes_hold_the_margin_and_grip_on_while_the_reader_is_dead() -> None:
     path = str(ROOT / "examples/three_processes.py")
     words = [sys.executable, path, "24", "0.5"]

@@ -46,8 +46,7 @@ DOORS = {
     "mujoco": "model render sensing",
 }
 STAGES = ("model", "render", "tracking", "control")
-#: Largest number of modules in a folder, and of lines in a function.
-MOST_MODULES = 15
+#: Largest number of lines in a function.
 MOST_LINES = 60
 #: Functions that are longer, each for a reason: a kernel's caller with all its arrays, and front
 #: doors whose parameters and their description fill most lines.
@@ -160,13 +159,6 @@ def test_functions_are_short() -> None:
             ):
                 long.add(f"{module}.{node.name}")
     assert long == LONG_FUNCTIONS
-
-
-def test_no_folder_has_too_many_modules() -> None:
-    folders: dict[Path, int] = {}
-    for path in modules().values():
-        folders[path.parent] = folders.get(path.parent, 0) + (path.name != "__init__.py")
-    assert {f: n for f, n in folders.items() if n > MOST_MODULES} == {}
 
 
 def test_control_knows_nothing_of_the_model_but_its_force_field() -> None:

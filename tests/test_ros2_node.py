@@ -2,6 +2,7 @@
 
 import runpy
 import sys
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -137,35 +138,32 @@ def test_the_node_publishes_what_a_reader_gives(
     published = play(monkeypatch, tmp_path / "bag", rest_frames=REST, noise=1.0)
 
     reader = Reader("dome-2022", images[:REST], noise=1.0)
-    wanted: dict[str, list[tuple[int, list[float]]]] = {}
+    wanted: dict[tuple[str, int], list[float]] = {}
     for k, image in enumerate(images[REST:], REST):
         time = START * 10**9 + round(k * DT * 1e9)
         reading = reader.update(image, time // 10**9 + 1e-9 * (time % 10**9))
-        low, high = reading.margin_interval
-        numbers = {
-            "wrench": reading.wrench.tolist(), "margin": [reading.margin], "margin_low": [low],
-            "margin_high": [high], "friction": [reading.friction],
-        }  # fmt: skip
-        for topic, values in numbers.items():
-            if np.isfinite(values).all():
-                wanted.setdefault(topic, []).append((time, values))
-    assert len(wanted["wrench"]) == 6
-    assert 0 < len(wanted["margin"]) < 6  # nothing touches at first
+        names = ("margin", "margin_low", "margin_high", "friction")
+        values = (reading.margin, *reading.margin_interval, reading.friction)
+        numbers = {"wrench": reading.wrench.tolist()} | {
+            name: [value] for name, value in zip(names, values, strict=True)
+        }
+        wanted |= {(name, time): each for name, each in numbers.items() if np.isfinite(each).all()}
+    counts = Counter(topic for topic, _ in wanted)
+    assert counts["wrench"] == 6
+    assert 0 < counts["margin"] < 6  # nothing touches at first
 
-    found: dict[str, list[tuple[int, list[float]]]] = {}
-    told = []
-    for topic, time, message in published:
-        if topic == "/diagnostics":
-            told.append((time, message))
-        elif topic == "wrench":
+    found = {(topic, time): message for topic, time, message in published}
+    told = [message for topic, _, message in published if topic == "/diagnostics"]
+    for (topic, time), values in wanted.items():
+        message = found[topic, time]
+        if topic == "wrench":
             assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == time
             force, torque = message.wrench.force, message.wrench.torque
-            values = [force.x, force.y, force.z, torque.z]
-            found.setdefault(topic, []).append((time, values))
+            assert [force.x, force.y, force.z, torque.z] == values
         else:
-            found.setdefault(topic, []).append((time, [message.data]))
-    assert found == wanted
-    statuses = [message.status[0] for _, message in told]
+            assert message.data == values[0]
+    assert len(published) == len(wanted) + len(told)
+    statuses = [message.status[0] for message in told]
     assert [status.level for status in statuses] == [1] * REST + [0] * 6
     assert {status.hardware_id for status in statuses} == {"dome-2022"}
     assert all(status.values[-1].value == "12.3" for status in statuses)
@@ -175,16 +173,13 @@ def test_what_the_node_cannot_read_is_a_diagnosis(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     grey = [np.full((48, 64, 3), 128, np.uint8)] * 2
-    write_bag(tmp_path / "mono", grey, "mono8")
-    write_bag(tmp_path / "blank", grey, "rgb8")
-    said = {}
-    for name in ("mono", "blank"):
-        ((_, _, first), *_, (topic, _, last)) = play(monkeypatch, tmp_path / name, rest_frames=2)
-        assert topic == "/diagnostics"
-        said[name] = [(each.status[0].level, each.status[0].message) for each in (first, last)]
-    assert said["mono"] == [(2, "image_raw is mono8; allowed are rgb8 and bgr8")] * 2
-    assert said["blank"][0] == (1, "pictures at rest are taken")
-    assert said["blank"][1][0] == 2
-    assert said["blank"][1][1]
+    for encoding, first, sentence in (
+        ("mono8", 2, "image_raw is mono8; allowed are rgb8 and bgr8"), ("rgb8", 1, "")
+    ):  # fmt: skip
+        write_bag(tmp_path / encoding, grey, encoding)
+        told = play(monkeypatch, tmp_path / encoding, rest_frames=2)
+        statuses = [message.status[0] for topic, _, message in told if topic == "/diagnostics"]
+        assert (statuses[0].level, statuses[-1].level) == (first, 2)
+        assert sentence in statuses[-1].message != ""
     with pytest.raises(SystemExit, match=r"chromagrip: .*none-such"):
-        play(monkeypatch, tmp_path / "mono", calibration="none-such")
+        play(monkeypatch, tmp_path / "mono8", calibration="none-such")

@@ -97,35 +97,3 @@ def test_run_without_a_python_says_so_in_one_line(tmp_path: Path) -> None:
         "run: no Python 3.11 or newer found: install one, or set PYTHON to its path."
     ]
     assert not (tmp_path / ".venv").exists()
-
-
-@pytest.mark.skipif(shutil.which("make") is None, reason="no make")
-def test_make_forwards_to_run() -> None:
-    for job in ("demo", "test", "lint", "docs", "check-all", "lock"):
-        # An empty environment: a make that started these tests would pass its flags on.
-        done = subprocess.run(
-            [str(shutil.which("make")), "-n", job, "ARGS=-k 'a b'"],
-            cwd=ROOT, env={}, capture_output=True, text=True,
-        )  # fmt: skip
-        assert done.stdout.strip() == f"./run {job} -k 'a b'"
-
-
-def test_ci_runs_lint_and_the_test_command_of_the_readme() -> None:
-    commands = (ROOT / ".ci/run").read_text().splitlines()
-    assert {"set -euo pipefail", "./run lint", "make test"} <= set(commands)
-    assert "make test" in (ROOT / "README.md").read_text()
-
-
-def test_the_container_copies_what_is_there() -> None:
-    copied = re.findall(r"^COPY (.+) \S+$", (ROOT / "Containerfile").read_text(), re.MULTILINE)
-    assert copied
-    for name in " ".join(copied).split():
-        assert (ROOT / name).exists(), name
-
-
-def test_the_citation_has_the_version_of_the_project() -> None:
-    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
-    text = (ROOT / "CITATION.cff").read_text()
-    assert f"version: {version}\n" in text
-    (date,) = re.findall(r'date-released: "([\d-]+)"', text)
-    assert f"## {version} ({date})" in (ROOT / "CHANGELOG.md").read_text()

@@ -62,11 +62,7 @@ def pinch(**changes: Any) -> Pinch:
         # chains
         (lambda: Fingertip(nodes=250), "must be odd"),
         (lambda: Fingertip(law="rubber"), "law must be one of split, inverse-poisson, axial"),
-        (lambda: Fingertip(nodes=12, stations=tuple(np.linspace(0, 1, 11))), "as many as nodes"),
-        (
-            lambda: Fingertip(nodes=11, stations=(0.0, *np.linspace(0.5, 1, 10)[::-1])),
-            "increase from 0 to 1",
-        ),
+        (lambda: Fingertip(nodes=11, stations=(0.0,) * 11), "increase from 0 to 1"),
         (lambda: Fingertip(radius=0.0), "radius must be finite and above 0 m, got 0.0"),
         (lambda: Fingertip.graded(61, 6e-3), "graded fingertip nodes must be odd and in"),
         # objects of a chain
@@ -74,22 +70,12 @@ def pinch(**changes: Any) -> Pinch:
         (lambda: ContactObject(friction=NAN), "friction coefficient .* got nan"),
         (lambda: ContactObject(curvature=1e6), "object curvature must lie in -1000…1000 1/m"),
         (lambda: ContactObject(surface="rolls"), "surface must be one of travels, stays"),  # type: ignore[arg-type]
-        (lambda: ContactObject(profile=()), "object profile must be at least 3 points"),
         (lambda: ContactObject(profile=((0, 0), (1, 0), (1, 1))), "increasing x"),
-        (lambda: ContactObject(profile=((0, 0), (1, math.inf), (2, 1))), "profile must be finite"),
-        (
-            lambda: ContactObject(profile=((0, 0), (1, 0), (2, 1)), curvature=1.0),
-            "curvature must be 0 beside a profile",
-        ),
-        (lambda: ContactObject(patches=((0.0, NAN),)), "factor of an object patch .* got nan"),
         (lambda: ContactObject(patches=((3.0, 1.0),)), "place of an object patch must lie in"),
         (lambda: ContactObject(patches=((1e-3, 1.0), (0.0, 2.0))), "patches must have increas"),
-        (lambda: ContactObject(patches=((1e-3,),)), "must be points"),  # type: ignore[arg-type]
         # runs of a chain
         (lambda: drive(normal=[1.0]), "as many values as times"),
-        (lambda: drive(times=[1.0, 0.0]), "must not decrease"),
         (lambda: drive(normal_control="speed"), "must be force or position, got 'speed'"),
-        (lambda: run(drive(), dt=0.0), "dt and duration must be finite and above 0 s"),
         (lambda: run(drive(), dt=3e-3), "whole number of recorded steps"),
         (lambda: step(TIP, OBJ, rest_state(TIP), 0.0, 1.0, 0.0), "dt > 0"),
         (
@@ -99,28 +85,19 @@ def pinch(**changes: Any) -> Pinch:
         # silicone
         (lambda: Dome(radius=-1.0), "dome radius"),
         (lambda: Dome(core=9e-3), "dome core"),
-        (lambda: Dome(pitch=5e-3), "dome pitch"),
-        (lambda: Dome(reach=3.0), "dome reach"),
         (lambda: Dome(young=NAN), "Young's modulus"),
-        (lambda: Pad(radius=-1.0), "half of the pad's side"),
         (lambda: Pad(thickness=30e-3), "thickness of the pad"),
         (lambda: Pad(poisson=0.5), "Poisson"),
-        (lambda: Pad(pitch=5e-3), "pad pitch"),
         # shapes
-        (lambda: shapes.ball(-1.0), "radius of a ball must lie in"),
         (lambda: shapes.box((1e-2, 1e-2), 0.0), "must be one edge or three"),  # type: ignore[arg-type]
         (lambda: shapes.box(1e-2, 6e-3), "rounding of a box must lie in 0…0.005 m"),
-        (lambda: shapes.cylinder(1e-2, 1e-2, 6e-3), "rounding of a cylinder"),
         (lambda: shapes.capsule(5e-3, 8e-3), "length of a capsule must lie in 0.01…10 m"),
         (lambda: shapes.torus(2e-3, 3e-3), "tube of a torus"),
         (lambda: shapes.cone(4e-3, 8e-3, 3e-3), "rounding of a cone"),
         # motions over silicone
-        (lambda: Motion(times=[0.0, 0.1], poses=NAN * STILL), "finite"),
         (lambda: Motion(times=[0.0, 0.0], poses=STILL), "increasing"),
         (lambda: Motion(times=[0.0, 0.1], poses=np.zeros((3, 6))), "shape"),
         (lambda: Motion(times=[0.0, 0.1], poses=STILL, free=("x",)), "mass or drag"),
-        (lambda: Motion(times=[0.0, 0.1], poses=STILL, free=("up",)), "free axes"),
-        (lambda: press_and_move(-1e-3), "depth of a press must be finite and above 0 m"),
         (lambda: over(press_and_move(1e-4), plane()), "touched by a Solid"),
         (
             lambda: over(Motion(times=[0.0, 0.1], poses=STILL - DEEP)),
@@ -133,7 +110,6 @@ def pinch(**changes: Any) -> Pinch:
         (lambda: pinch(solid=PLATE), "object with an end"),
         (lambda: Filling(times=(0.0, 1.0), masses=(0.1,)), "2 times and 1 masses"),
         (lambda: Filling(times=(1.0, 0.5), masses=(0.0, 0.1)), "must increase"),
-        (lambda: Filling(times=(0.0,), masses=(-0.1,)), "mass that is added"),
         (lambda: Shake(amplitude=(0, 0, 0), frequency=5.0, start=0.0, stop=0.3), "two periods"),
     ],
 )

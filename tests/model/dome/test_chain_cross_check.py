@@ -5,14 +5,11 @@ import pytest
 
 from benchmarks.model.bodies import BUCKLED, GRASPS, Grasp, compare
 from benchmarks.model.chain_on_newton import grasp_by_newton, unstable_modes
-from chromagrip.model import ContactObject, ConvergenceError, Fingertip, contact_forces, equilibrium
-
-FLAT, ROUND = GRASPS[1], GRASPS[3]
+from chromagrip.model import ContactObject, Fingertip, contact_forces, equilibrium
 
 
-@pytest.mark.parametrize("grasp", [FLAT, ROUND], ids=lambda grasp: grasp.name)
-def test_both_engines_find_the_same_forces(grasp: Grasp) -> None:
-    coarse, fine = (compare(grasp._replace(nodes=51), parts) for parts in (40, 120))
+def test_both_engines_find_the_same_forces() -> None:
+    coarse, fine = (compare(GRASPS[3]._replace(nodes=51), parts) for parts in (30, 90))
     assert fine.normal < 1e-4
     assert fine.friction < 2e-4
     assert fine.nodal < 2e-3
@@ -30,7 +27,7 @@ def test_a_press_without_load_is_the_same_node_by_node() -> None:
 
 
 def test_springs_buckle_on_fine_chains_under_hard_objects_only() -> None:
-    for grasp, buckles in ((BUCKLED, True), (FLAT, False), (GRASPS[4], False)):
+    for grasp, buckles in ((BUCKLED, True), (GRASPS[1], False), (GRASPS[4], False)):
         tip = Fingertip(nodes=grasp.nodes)
         state = equilibrium(tip, grasp.obj, grasp.grip, parts=20)
         assert (unstable_modes(tip, state.deformation.seen) > 0) == buckles, grasp.name
@@ -40,10 +37,3 @@ def test_springs_buckle_on_fine_chains_under_hard_objects_only() -> None:
 @pytest.mark.parametrize("grasp", GRASPS, ids=lambda grasp: grasp.name)
 def test_three_digits(grasp: Grasp) -> None:
     assert max(compare(grasp, 400)) < 1e-3
-
-
-@pytest.mark.elements
-def test_where_the_springs_buckle_it_says_so() -> None:
-    tip = Fingertip(nodes=BUCKLED.nodes)
-    with pytest.raises(ConvergenceError, match="does not come to rest"):
-        grasp_by_newton(tip, BUCKLED.obj, BUCKLED.grip, 0.0, 40)

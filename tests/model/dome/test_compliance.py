@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from chromagrip.model import Dome, Pad, SoftBody, Solid, press_and_move, simulate_contact
+from chromagrip.model import Dome, Pad, SoftBody
 from chromagrip.model.dome.compliance import (
     WIDTH,
     compliance_scale,
@@ -15,7 +15,6 @@ from chromagrip.model.dome.compliance import (
 from chromagrip.model.dome.dome import lattice
 from chromagrip.model.dome.layer import layer_motion, layer_moved
 from chromagrip.model.kernels.dome.compliance_kernels import fill_block, node_block
-from chromagrip.model.shapes import plane
 
 SMALL = Dome(pitch=0.8e-3, reach=math.radians(50.0))
 PAD = Pad(radius=6e-3, pitch=0.6e-3)
@@ -47,21 +46,6 @@ def test_the_table_of_a_pad_depends_on_the_way_between_nodes_alone() -> None:
     assert found == pytest.approx(direct, abs=1e-4 * abs(direct).max())
 
 
-def test_a_third_of_a_turn_maps_the_lattice_on_itself() -> None:
-    points = lattice(SMALL)
-    c, s = -0.5, math.sqrt(0.75)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    turned = points.points @ turn.T
-    nearest = np.linalg.norm(turned[:, None] - points.points, axis=2)
-    partner = nearest.argmin(axis=1)
-    assert nearest.min(axis=1).max() < 1e-12
-    nodes = np.arange(12)
-    direct = _block(SMALL, nodes).reshape(12, 3, 12, 3)
-    there = _block(SMALL, partner[:12]).reshape(12, 3, 12, 3)
-    back = np.einsum("ba,ibjc,cd->iajd", turn, there, turn)
-    assert back == pytest.approx(direct, abs=1e-6 * abs(direct).max())
-
-
 @pytest.mark.parametrize("poisson", [0.3, 0.48])
 def test_a_thick_dome_is_a_half_space_between_its_nodes_and_its_size(poisson: float) -> None:
     """u_z = (1 − ν²)·F/(π·E·r) of Boussinesq, but for a constant that the dome's size makes."""
@@ -75,16 +59,6 @@ def test_a_thick_dome_is_a_half_space_between_its_nodes_and_its_size(poisson: fl
         found += sign * scale * block[2, 2]
         expected += sign * (1.0 - poisson**2) / (math.pi * dome.young * distance)
     assert found == pytest.approx(expected, rel=0.05)
-
-
-def test_a_finer_lattice_gives_the_same_press() -> None:
-    """Pitches of .56 and .4 mm, pressed by .8 mm: far more than a pitch."""
-    forces = []
-    for pitch in (0.56e-3, 0.4e-3):
-        dome = Dome(pitch=pitch, reach=math.radians(35.0))
-        run = simulate_contact(dome, Solid(shape=plane()), press_and_move(0.8e-3), 10e-3)
-        forces.append(run.total_forces[-1, 2])
-    assert forces[0] == pytest.approx(forces[1], rel=0.04)
 
 
 def test_areas_are_those_of_the_sphere() -> None:

@@ -27,7 +27,7 @@ from chromagrip.model.dome.stepper import Stepper, displacements
 from chromagrip.model.kernels.dome.dahl_vector_kernels import dahl_vector
 from chromagrip.model.kernels.dome.touch_kernels import Pose, Stiffening, touch
 from chromagrip.model.kernels.friction import dahl_step
-from chromagrip.model.shapes import Shape, ball, box, cylinder, plane, torus
+from chromagrip.model.shapes import Shape, ball, cylinder, plane, torus
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"
 LINEAR = Dome(stiffening=False, reach=math.radians(45.0))
@@ -192,13 +192,6 @@ def test_any_stiffness_converges(stiffness: float) -> None:
     assert run.unconverged == 0
 
 
-def test_an_edge_that_comes_over_the_tip() -> None:
-    solid = Solid(shape=box(12e-3, 1.5e-3))
-    run = simulate_contact(COARSE, solid, press_and_move(0.5e-3, shift=(8e-3, 0.0)), 2e-3)
-    assert run.unconverged == 0
-    assert 0.0 <= -run.total_forces[-1, 2] < 0.5 * -run.total_forces[49, 2]
-
-
 def test_a_free_ball_comes_to_rest_with_its_weight() -> None:
     motion = Motion(
         times=np.array([0.0, 0.4]), poses=np.zeros((2, 6)),
@@ -297,11 +290,10 @@ def test_a_skin_that_creeps_comes_to_the_same_rest() -> None:
     assert ends[1] == pytest.approx(ends[0], abs=0.03 * abs(ends[0]).max())
 
 
-@pytest.mark.parametrize("exponent", [0.0, 0.7])
-def test_a_rigid_object_is_never_said_not_to_touch(exponent: float) -> None:
+def test_a_rigid_object_is_never_said_not_to_touch() -> None:
     """A node's own Newton hops out of a rigid object, which once counted as no contact."""
     dome = Dome(pitch=0.6e-3, reach=math.radians(45.0))
-    solid = Solid(shape=ball(10e-3), stiffness=1e13, dahl_stiffness=5e13, dahl_exponent=exponent)
+    solid = Solid(shape=ball(10e-3), stiffness=1e13, dahl_stiffness=5e13, dahl_exponent=0.0)
     try:
         run = simulate_contact(dome, solid, press_and_move(0.4e-3), 0.1)
     except ConvergenceError:

@@ -73,19 +73,6 @@ def test_the_apex_is_no_place_of_its_own() -> None:
     assert slopes[0, 0] == pytest.approx(-slopes[0, 1], abs=0.04 * abs(slopes).max())
 
 
-def test_a_third_of_a_turn_turns_the_motion() -> None:
-    c, s = -0.5, math.sqrt(0.75)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    points, forces = lattice(SMALL).points, _patch(SMALL, (0.3, 0.2, 0.93), 9)
-    turned = points @ turn.T
-    partner = np.linalg.norm(turned[:, None] - points, axis=2).argmin(axis=1)
-    there = np.zeros_like(forces)
-    there[partner] = forces @ turn.T
-    moved = _moved(SMALL, PLACES, 0.8e-3, forces) @ turn.T
-    again = _moved(SMALL, PLACES + np.array([0.0, 2.0 * math.pi / 3.0]), 0.8e-3, there)
-    assert again == pytest.approx(moved, abs=1e-5 * abs(moved).max())
-
-
 def test_markers_just_under_the_skin_move_as_it_does() -> None:
     """Under a pressure and a shear that are smooth on the scale of the nodes."""
     points = lattice(SMALL)
