@@ -1,5 +1,8 @@
 """Pictures of dots with known places and radii."""
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -48,3 +51,10 @@ def dotted(
     y, x = np.mgrid[: size[1], : size[0]]
     shade = 1.0 - 0.3 * np.hypot(x / size[0] - 0.4, y / size[1] - 0.4)
     return levels(shade[..., None] * np.array(ground) * (1.0 - cover * (1.0 - np.array(dye))))
+
+
+def save(path: Path, image: NDArray[np.uint8]) -> Path:
+    """Write an RGB picture, and its folder."""
+    path.parent.mkdir(exist_ok=True)
+    assert cv2.imwrite(str(path), image[..., ::-1])
+    return path

@@ -2,26 +2,22 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from chromagrip.errors import UserError
 from chromagrip.pictures.track import track_source
 from chromagrip.render import Frame
 from chromagrip.tracking import (
     detect_markers,
     learn_palette,
-    load_palette,
     load_tracker,
-    read_rest,
     sight,
 )
 
-from .drawn_dots import Array, covered, dotted, levels, spread
+from .drawn_dots import Array, covered, dotted, levels, save, spread
 
-SIZE, LARGE = (320, 240), (400, 300)
+SIZE = (320, 240)
 
 
 def shaded(places: Array, radius: float, seed: int) -> np.ndarray:
@@ -41,7 +37,7 @@ def shaded(places: Array, radius: float, seed: int) -> np.ndarray:
     return levels(linear * (1.0 - cover * (1.0 - dye)), seed=seed)
 
 
-@pytest.mark.parametrize("seed", [0, 3, 7])
+@pytest.mark.parametrize("seed", [0, 7])
 def test_black_dots_with_coloured_shade_beside_them_are_one_layer(seed: int) -> None:
     pitch = 28.0 + 2.0 * seed
     places = spread(*SIZE, pitch, seed)
@@ -54,17 +50,9 @@ def test_black_dots_with_coloured_shade_beside_them_are_one_layer(seed: int) -> 
     assert away.max() < 0.15 * 0.24 * pitch
 
 
-def test_a_layer_that_is_not_there_is_refused_with_the_palette_of_one_layer() -> None:
-    places = spread(*SIZE, 30.0)
-    image = dotted(SIZE, places, np.full(len(places), 7.0), dye=(0.6, 0.14, 0.23))
-    with pytest.raises(UserError, match=r"0 yellow markers.*--palette dark-dots"):
-        read_rest([Frame(image=image, time=0.0)], load_palette())
-
-
 #: Radii, and the share of the dots that has each.
 KINDS = [
     ((4.0, 8.0), (0.5, 0.5)),
-    ((3.8, 9.5), (0.9, 0.1)),
     ((3.8, 9.5), (0.1, 0.9)),
     ((3.2, 5.4, 9.0), (0.4, 0.3, 0.3)),
 ]
@@ -74,17 +62,17 @@ def kinds(number: int, bright: bool = False, shift: float = 0.0) -> tuple[np.nda
     """Picture of dots of several kinds, their places and radii."""
     sizes, shares = KINDS[number]
     pitch = 2.7 * max(sizes)
-    places = spread(*LARGE, pitch, number)
-    places = places[(abs(places - np.array(LARGE) / 2) < np.array(LARGE) / 2 - 15.0).all(axis=1)]
+    places = spread(*SIZE, pitch, number)
+    places = places[(abs(places - np.array(SIZE) / 2) < np.array(SIZE) / 2 - 15.0).all(axis=1)]
     rng = np.random.default_rng(number)
     radii = rng.choice(sizes, len(places), p=shares) * rng.uniform(0.97, 1.03, len(places))
     places = places + shift
     if bright:
-        return dotted(LARGE, places, radii, (9.0, 10.0, 8.0), (0.05, 0.06, 0.05)), places, radii
-    return dotted(LARGE, places, radii), places, radii
+        return dotted(SIZE, places, radii, (9.0, 10.0, 8.0), (0.05, 0.06, 0.05)), places, radii
+    return dotted(SIZE, places, radii), places, radii
 
 
-@pytest.mark.parametrize(("number", "bright"), [(0, False), (2, False), (3, True)])
+@pytest.mark.parametrize(("number", "bright"), [(0, False), (1, False), (2, True)])
 def test_dots_of_two_or_three_sizes_are_all_found_and_followed(number: int, bright: bool) -> None:
     image, places, radii = kinds(number, bright)
     palette = learn_palette(image, sight(image))
@@ -101,27 +89,27 @@ def test_dots_of_two_or_three_sizes_are_all_found_and_followed(number: int, brig
     assert np.nanmax(abs(tracks.position[0] - places[nearest] - 1.7)) < 0.3
 
 
+def followed(image: np.ndarray, folder: Path) -> tuple[int, dict[str, Array]]:
+    """Number of markers that are followed, and places of the others by reason."""
+    picture = str(save(folder / "dots.png", image))
+    summary = track_source(picture, picture, tracker="fit").summary
+    lost: dict[str, list[tuple[float, float]]] = {}
+    for marker in summary["not_followed"]:
+        lost.setdefault(marker["reason"], []).append((marker["x_px"], marker["y_px"]))
+    return summary["layers"]["dark"]["markers"], {k: np.array(v) for k, v in lost.items()}
+
+
 def test_a_dot_that_is_not_followed_has_a_reason(tmp_path: Path) -> None:
     """Torn dots are unlike the others."""
-    places = spread(*LARGE, 32.0)
-    radii = np.full(len(places), 9.0)
-    torn = places[[30, 41]]
-    image = dotted(LARGE, places, radii)
-    hole = covered(LARGE, torn + np.array([4.0, 0.0]), np.full(2, 6.0))[..., None]
-    image = np.rint(image * (1.0 - hole) + hole * 190.0).astype(np.uint8)
-    cv2.imwrite(str(tmp_path / "rest.png"), image[..., ::-1])
-    cv2.imwrite(str(tmp_path / "next.png"), image[..., ::-1])
-    summary = track_source(
-        str(tmp_path / "rest.png"), str(tmp_path / "next.png"), tracker="fit"
-    ).summary
-    lost = summary["not_followed"]
-    followed = summary["layers"]["dark"]["markers"]
-    assert len(lost) > 0
-    assert len(lost) + followed <= len(places)
-    for marker in lost:
-        place = np.array([marker["x_px"], marker["y_px"]])
-        assert np.linalg.norm(torn - place, axis=1).min() < 5.0
-        assert "unlike the others" in marker["reason"]
+    places = spread(*SIZE, 32.0)
+    torn = places[[19, 33]]
+    image = dotted(SIZE, places, np.full(len(places), 9.0))
+    hole = covered(SIZE, torn + np.array([4.0, 0.0]), np.full(2, 6.0))[..., None]
+    count, lost = followed(np.rint(image * (1.0 - hole) + hole * 190.0).astype(np.uint8), tmp_path)
+    ((reason, at),) = lost.items()
+    assert "unlike the others" in reason
+    assert count + len(at) <= len(places)
+    assert KDTree(torn).query(at)[0].max() < 5.0
 
 
 @pytest.mark.parametrize("corner", [(3.0, 2.0), (15.0, 5.0)])
@@ -129,20 +117,14 @@ def test_dots_that_the_edge_of_the_picture_cuts_are_named(
     corner: tuple[float, float], tmp_path: Path
 ) -> None:
     """Each dot is followed, or cut by the edge at rest and named."""
-    width, height = LARGE
+    width, height = SIZE
     rows, cols = np.arange(corner[1], height, 36.0), np.arange(corner[0], width, 36.0)
-    places = np.array([(x, y) for y in rows for x in cols])
-    radius = 6.0
-    for name in ("rest.png", "next.png"):
-        image = dotted(LARGE, places, np.full(len(places), radius))
-        cv2.imwrite(str(tmp_path / name), image[..., ::-1])
-    rest, source = str(tmp_path / "rest.png"), str(tmp_path / "next.png")
-    summary = track_source(rest, source, tracker="fit").summary
-    inside = np.minimum(places, np.array(LARGE) - 1.0 - places).min(axis=1)
-    lost = summary["not_followed"]
-    assert all("cut by the edge" in marker["reason"] for marker in lost)
-    at = np.array([(marker["x_px"], marker["y_px"]) for marker in lost])
+    places, radius = np.array([(x, y) for y in rows for x in cols]), 6.0
+    count, lost = followed(dotted(SIZE, places, np.full(len(places), radius)), tmp_path)
+    ((reason, at),) = lost.items()
+    assert "cut by the edge" in reason
+    inside = np.minimum(places, np.array(SIZE) - 1.0 - places).min(axis=1)
     away = KDTree(at).query(places)[0]
-    assert summary["layers"]["dark"]["markers"] + len(lost) >= (inside > 0.0).sum()
+    assert count + len(at) >= (inside > 0.0).sum()
     assert (away[(inside > 0.0) & (inside < 0.5 * radius)] < 0.7 * radius).all()
     assert (away[inside > radius + 4.0] > radius).all()

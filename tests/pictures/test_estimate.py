@@ -1,9 +1,11 @@
+import io
 import json
-import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import redirect_stdout
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import av
 import cv2
@@ -29,14 +31,16 @@ from chromagrip.model import (
 )
 from chromagrip.output.parquet import FORCES, Row
 from chromagrip.pictures.figure import draw_figure
+from chromagrip.pictures.readings import _displacement_row, force_reading
 from chromagrip.render import MembraneMap, add_noise, open_renderer
 from chromagrip.scene.scene import load_scene
 from chromagrip.sensing.margins import with_limit_margin
-from chromagrip.tracking import CAMERA_RULE
+from chromagrip.tracking import CAMERA_RULE, DisplacementGains, Tracks
 from chromagrip.tracking.forces.calibration import FORMAT, Values, load_calibration, with_values
 
+from .drawn_dots import save
+
 NOISE = 2.0
-Change = Callable[[np.ndarray], np.ndarray]
 NOMINAL = load_calibration("thesis")
 #: Of the sensor in the pictures: stiffer than designed, its inner layer follows less.
 VALUES = Values(
@@ -54,19 +58,19 @@ BERRY = ContactObject(stiffness=160.0, curvature=50.0, friction=0.6)
 
 
 @dataclass(frozen=True)
-class Folders:
-    """Pictures of a grasp with their truth, and the calibration of the sensor in them."""
+class Run:
+    """Pictures of a grasp with their truth and calibration, the estimates, and what was printed."""
 
     rest: str
     grasp: Path
     calibration: str
     normal: np.ndarray
     friction: np.ndarray
+    out: Path
+    told: str
 
-
-def save(path: Path, image: np.ndarray) -> None:
-    path.parent.mkdir(exist_ok=True)
-    assert cv2.imwrite(str(path), image[..., ::-1])
+    def column(self, name: str) -> np.ndarray:
+        return column(self.out, name)
 
 
 def read(path: Path) -> np.ndarray:
@@ -80,35 +84,29 @@ def shoot(path: Path, seen: np.ndarray, index: int) -> None:
 
 
 @pytest.fixture(scope="module")
-def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A press that is pulled until Γ is 0.3; the second picture is covered in the middle."""
     root = tmp_path_factory.mktemp("estimate")
-    grasp, tip = root / "grasp", TRUE.fingertip
-    shoot(root / "rest.png", np.zeros((tip.nodes, 2)), 100)
-    # Pressed, then pulled until Γ is 0.3.
+    grasp, tip, rest = root / "grasp", TRUE.fingertip, str(root / "rest.png")
+    shoot(Path(rest), np.zeros((tip.nodes, 2)), 100)
     sums = []
-    path = [(g, 0.0) for g in (0.5, 1.0, 1.5, 2.0)] + [(2.0, f) for f in (0.2, 0.5, 0.84)]
-    for k, (grip, load) in enumerate(path):
-        state = equilibrium(tip, BERRY, grip, load)
+    for k, load in enumerate((0.0, 0.0, 0.84)):
+        state = equilibrium(tip, BERRY, 2.0, load)
         shoot(grasp / f"{k}.png", state.deformation.seen, 200 + k)
         field = contact_forces(tip, BERRY, state)
         sums.append((field.total_normal, field.total_friction))
-    calibration = root / "mine.toml"
+    covered = read(grasp / "1.png")
+    covered[80:400, 160:480] = 128
+    save(grasp / "1.png", covered)
+    calibration, out, told = str(root / "mine.toml"), root / "mine", io.StringIO()
     head = {"format": FORMAT, "sensor": "thesis", "stiffness_deviation": 0.02}
-    calibration.write_text(tomli_w.dumps({**head, "values": asdict(VALUES)}), encoding="utf-8")
-    return Folders(str(root / "rest.png"), grasp, str(calibration), *np.array(sums).T)
-
-
-@pytest.fixture(scope="module")
-def estimated(folders: Folders, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("out") / "mine"
-    words = (folders.rest, str(folders.grasp))
-    options = {"calibration": folders.calibration, "noise": NOISE, "fps": 100.0}
-    assert estimate(*words, **options, out=out, json_only=True) == 0
-    return out
-
-
-def summary_of(out: Path) -> Any:
-    return json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    text = tomli_w.dumps({**head, "values": asdict(VALUES)})
+    Path(calibration).write_text(text, encoding="utf-8")
+    with redirect_stdout(told):
+        options: dict[str, Any] = {"noise": NOISE, "fps": 100.0, "out": out}
+        assert estimate(rest, str(grasp), calibration=calibration, **options) == 0
+    said = " ".join(told.getvalue().split())
+    return Run(rest, grasp, calibration, *np.array(sums).T, out, said)
 
 
 def column(out: Path, name: str) -> np.ndarray:
@@ -116,51 +114,55 @@ def column(out: Path, name: str) -> np.ndarray:
     return np.array([np.nan if v is None else v for v in values], dtype=float)
 
 
-def test_calibrated_forces_of_an_unseen_object_are_better(
-    folders: Folders, estimated: Path, tmp_path: Path
-) -> None:
-    words = (folders.rest, str(folders.grasp))
-    options = {"calibration": "thesis", "noise": NOISE, "fps": 100.0}
-    assert estimate(*words, **options, out=tmp_path, json_only=True) == 0
-    held = slice(3, None)
-    mine, nominal = (
-        np.sqrt(np.mean((column(out, "normal_n") / folders.normal - 1.0)[held] ** 2))
-        for out in (estimated, tmp_path)
-    )
-    assert mine < 0.06
-    assert mine < 0.7 * nominal
-    low, high = (column(estimated, f"normal_{end}_n") for end in ("low", "high"))
-    assert np.mean((low < folders.normal)[held] & (folders.normal < high)[held]) > 0.6
-    friction = column(estimated, "friction_n") - folders.friction
-    assert np.sqrt(np.mean(friction[held] ** 2)) < 0.05
+def test_forces_of_an_unseen_object_are_those_of_the_model(run: Run) -> None:
+    held = [0, 2]
+    normal, low, high = (run.column(f"normal{end}_n")[held] for end in ("", "_low", "_high"))
+    np.testing.assert_allclose(normal, run.normal[held], rtol=0.06)
+    assert ((low < run.normal[held]) & (run.normal[held] < high)).any()
+    np.testing.assert_allclose(run.column("friction_n")[held], run.friction[held], atol=0.05)
 
 
-def test_a_folder_holds_what_it_says(folders: Folders, estimated: Path) -> None:
-    summary = summary_of(estimated)
-    frames = len(folders.normal)
+def test_a_folder_holds_what_it_says(run: Run) -> None:
+    summary = json.loads((run.out / "summary.json").read_text(encoding="utf-8"))
+    frames = len(run.normal)
     assert (summary["format"], summary["frames"]) == ("chromagrip estimate 1", frames)
     assert summary["complete"]
-    assert summary["without_estimate"] == 0
+    assert summary["without_estimate"] == 1
     assert summary["rest_misfit_px"] == summary["camera_pose"]["error_px"] < 0.05
     assert summary["camera_pose"]["roll_deg"] == pytest.approx(0.0, abs=0.01)
     assert not summary["camera_pose"]["notable"]
-    table = pq.read_table(estimated / "estimates.parquet")
+    table = pq.read_table(run.out / "estimates.parquet")
     assert table.column_names == list(FORCES)
-    np.testing.assert_allclose(column(estimated, "time_s"), np.arange(frames) / 100.0)
+    np.testing.assert_allclose(run.column("time_s"), np.arange(frames) / 100.0)
     for name in ("normal_n", "friction_n", "mu", "margin"):
-        values = column(estimated, name)
+        values = run.column(name)
         assert summary["estimates"][name]["last"] == values[-1]
-        low, high = (column(estimated, end) for end in _ends(name))
+        stem, unit = (name[:-2], "_n") if name.endswith("_n") else (name, "")
+        low, high = (run.column(f"{stem}_{end}{unit}") for end in ("low", "high"))
         known = np.isfinite(low)
         assert known[-1]
         assert summary["estimates"][name]["last_interval"] == [low[-1], high[-1]]
         assert (low <= values)[known].all()
         assert (values <= high)[known].all()
-    nodes = np.array(table["node_normal_n"].to_pylist())
-    np.testing.assert_allclose(nodes.sum(axis=1), column(estimated, "normal_n"), rtol=0.05)
-    assert cv2.imread(str(estimated / "figure.png")) is not None
-    with av.open(str(estimated / "overlay.mp4")) as video:
+    for nodes, total in zip(
+        table["node_normal_n"].to_pylist(), run.column("normal_n"), strict=True
+    ):
+        assert nodes is None or sum(nodes) == pytest.approx(total, rel=0.05)
+    assert cv2.imread(str(run.out / "figure.png")) is not None
+    with av.open(str(run.out / "overlay.mp4")) as video:
         assert len(list(video.decode(video=0))) == frames
+
+
+def test_a_frame_that_says_nothing_says_so(run: Run) -> None:
+    assert "1 of 3, 33.3% of the frames" in run.told
+    assert "1: the markers move as no trained press moves" in run.told
+    rows = pq.read_table(run.out / "estimates.parquet").to_pylist()
+    assert "as no trained press moves them" in rows[1]["no_estimate"]
+    said = {"frame", "time_s", "markers_seen", "no_estimate"}
+    assert {name for name, value in rows[1].items() if value is not None} == said
+    assert np.isfinite(run.column("normal_n")).tolist() == [True, False, True]
+    # A pure press shows no slip.
+    assert [bool(row["mu_observable"]) for row in rows] == [False, False, True]
 
 
 def test_force_and_torque_have_intervals_of_their_own() -> None:
@@ -193,73 +195,67 @@ def test_force_and_torque_have_intervals_of_their_own() -> None:
     assert row["limit_margin_low"] < row["limit_margin"] < row["margin"]
 
 
-def _ends(name: str) -> tuple[str, str]:
-    stem, unit = (name[:-2], "_n") if name.endswith("_n") else (name, "")
-    return f"{stem}_low{unit}", f"{stem}_high{unit}"
-
-
-def test_a_frame_that_says_nothing_says_so(
-    folders: Folders, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    frames = tmp_path / "frames"
-    frames.mkdir()
-    for k in range(3):
-        shutil.copy(folders.grasp / "3.png", frames / f"{k}.png")
-    hidden = read(frames / "1.png")
-    hidden[80:400, 160:480] = 128
-    save(frames / "1.png", hidden)
-    out = tmp_path / "out"
-    words = (folders.rest, str(frames))
-    assert estimate(*words, calibration=folders.calibration, noise=NOISE, out=out) == 0
-    told = capsys.readouterr().out
-    assert "1 of 3, 33.3% of the frames" in told
-    assert "1: the markers move as no trained press moves" in told
-    assert "µ observable in 0 frames: the markers show no slip" in " ".join(
-        told.split()
-    )  # a pure press
-    row = pq.read_table(out / "estimates.parquet").to_pylist()[1]
-    assert "as no trained press moves them" in row["no_estimate"]
-    said = {"frame", "time_s", "markers_seen", "no_estimate"}
-    assert {name for name, value in row.items() if value is not None} == said
-    assert np.isfinite(column(out, "normal_n")).tolist() == [True, False, True]
-
-
-REFUSED: list[tuple[str, dict[str, Any], Change | None, str]] = [
-    ("dome-2022", {}, None, r"calibration dome-2022: \d+ % of the markers at rest lie"),
-    ("thesis", {}, lambda image: image[:, 80:560], "480×480 .* crop=480:360:LEFT:TOP"),
-    ("thesis", {}, np.fliplr, r"turned and shifted, \d+\.\d px RMS from them"),
-    ("flat-2019", {}, None, "a flat pad, which has no force model"),
-    ("thesis", {"reconstructor": "wish"}, None, "no reconstructor 'wish'"),
-    ("thesis", {"tracker": "lk"}, None, "tracker 'lk' does not estimate the covariances"),
-    ("thesis", {"window": 0.0}, None, "--window 0.0"),
-]
+OTHER_POSE = pytest.mark.data  # a search for the pose of another sensor's picture takes its time
 
 
 @pytest.mark.parametrize(
     ("calibration", "options", "change", "words"),
-    # A search for the pose of another sensor's picture takes its time.
-    [pytest.param(*one, marks=[pytest.mark.data] * (k in (0, 2))) for k, one in enumerate(REFUSED)],
+    [
+        pytest.param("dome-2022", {}, None, r"dome-2022: \d+ % of the markers", marks=OTHER_POSE),
+        ("thesis", {}, lambda image: image[:, 80:560], "480×480 .* crop=480:360:LEFT:TOP"),
+        pytest.param("thesis", {}, np.fliplr, r"turned and shifted, \d", marks=OTHER_POSE),
+        ("flat-2019", {}, None, "a flat pad, which has no force model"),
+        ("thesis", {"window": 0.0}, None, "--window 0.0"),
+    ],
 )
 def test_what_does_not_fit_is_refused_with_the_reason(
-    folders: Folders,
-    tmp_path: Path,
-    no_forces: str,
     calibration: str,
     options: dict[str, Any],
-    change: Change | None,
+    change: Callable[[np.ndarray], np.ndarray] | None,
     words: str,
+    run: Run,
+    tmp_path: Path,
+    no_forces: str,
 ) -> None:
-    rest, out = tmp_path / "rest.png", tmp_path / "out"
-    image = read(Path(folders.rest))
+    rest, out, image = tmp_path / "rest.png", tmp_path / "out", read(Path(run.rest))
     save(rest, image if change is None else change(image))
     options = {"calibration": calibration, "noise": NOISE, "out": out, **options}
     if calibration == "dome-2022":  # as there is no read-out of the sensor
         options["reconstructor"] = no_forces
     with pytest.raises(UserError, match=words):
-        estimate(str(rest), str(folders.grasp), json_only=True, **options)
+        estimate(str(rest), str(run.grasp), json_only=True, **options)
     assert not out.exists()
 
 
+def test_forces_are_read_from_a_tracker_with_covariances_alone() -> None:
+    rest = Tracks.of_positions(0.0, np.zeros((2, 3, 2)))
+    opened = Mock(resting=rest, setup={"tracker": "lk"})
+    with pytest.raises(UserError, match="tracker 'lk' does not estimate the covariances"):
+        force_reading(Mock(), CAMERA_RULE, opened, Mock(), Mock())
+
+
+def test_the_displacement_of_a_pad_is_that_of_its_deepest_markers() -> None:
+    """Half the markers are pressed, by 0.2 mm, and pulled along; the others are not."""
+    gains = DisplacementGains(
+        log_size_per_mm=0.3, log_size_deviation=0.01,
+        shift_px_per_mm=6.0, shift_px_per_mm2=-5.0, shift_deviation_px=0.02,
+    )  # fmt: skip
+    places = np.stack(np.meshgrid(np.arange(4.0), np.arange(5.0)), -1).reshape(1, -1, 2)
+    pressed = np.arange(20) < 10
+    rest = replace(Tracks.of_positions(0.0, places), log_size=np.zeros((1, 20)))
+    shift = np.where(pressed, (6.0 - 5.0 * 0.2) * 0.1, 0.0)[None, :, None] * [1.0, -2.0]
+    size = 0.3 * 0.2 * pressed[None]
+    tracks = replace(Tracks.of_positions(0.1, places + shift), log_size=size)
+    row = _displacement_row(gains, rest, tracks)
+    assert row["depth_mm"] == pytest.approx(0.2)
+    assert (row["shift_x_mm"], row["shift_y_mm"]) == pytest.approx((0.1, -0.2))
+    assert row["deviation_mm"] == pytest.approx(0.01 / 0.3)
+    assert row["marker_depth_mm"] == pytest.approx(0.2 * pressed)
+    hidden = Tracks.of_positions(0.1, np.full_like(places, np.nan))
+    assert "no marker of the outer layer" in str(_displacement_row(gains, rest, hidden))
+
+
+@pytest.mark.data
 def test_a_flat_pad_is_calibrated_and_read_by_its_displacements(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -267,35 +263,29 @@ def test_a_flat_pad_is_calibrated_and_read_by_its_displacements(
     sensor = scene.build_sensor()
     painter, skin = open_renderer("painter", sensor), MembraneMap(sensor, scene.fingertip.nodes)
 
-    def press(path: Path, depth: float, shear: float, index: int) -> None:
-        pose = Pose(depth=1e-3 * depth, shear=1e-3 * shear)
-        image = painter.render(skin(settle(scene, pose)[0].deformation.seen))
-        add_noise(image, NOISE, 9, index)
-        save(path, image)
-
-    presses, frames = tmp_path / "presses", tmp_path / "frames"
-    still = painter.render(skin(np.zeros((scene.fingertip.nodes, 2))))
-    save(presses / "rest.png", still)
-    lines = ["file,depth_mm,shear_mm"]
-    for k, (depth, shear) in enumerate([(0.1, 0.0), (0.2, 0.2), (0.3, 0.0), (0.4, 0.2)]):
-        press(presses / f"{k}.png", depth, shear, k)
-        lines.append(f"{k}.png,{depth},{shear}")
-    (presses / "presses.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    for k in range(4):
-        press(frames / f"{k}.png", 0.1 * (k + 1) - 0.05, 0.05 * k, 10 + k)
+    presses, frames, rest = (tmp_path / name for name in ("presses", "frames", "presses/rest.png"))
+    save(rest, painter.render(skin(np.zeros((scene.fingertip.nodes, 2)))))
+    known, asked = [(0.1, 0.0), (0.2, 0.2), (0.4, 0.2)], [(0.1, 0.05), (0.3, 0.15)]
+    for folder, poses in ((presses, known), (frames, asked)):
+        for k, (depth, shear) in enumerate(poses):
+            pose = Pose(depth=1e-3 * depth, shear=1e-3 * shear)
+            image = painter.render(skin(settle(scene, pose)[0].deformation.seen))
+            add_noise(image, NOISE, len(poses), k)
+            save(folder / f"{k}.png", image)
+    lines = [f"{k}.png,{depth},{shear}\n" for k, (depth, shear) in enumerate(known)]
+    (presses / "presses.csv").write_text("file,depth_mm,shear_mm\n" + "".join(lines))
     out, calibration = tmp_path / "out", tmp_path / "pad.toml"
     options: dict[str, Any] = {"tracker": "detect", "noise": NOISE}
     assert calibrate_sensor(presses, sensor="flat-2019", out=calibration, **options) == 0
-    rest = str(presses / "rest.png")
-    assert estimate(rest, str(frames), calibration=str(calibration), out=out, **options) == 0
+    options["calibration"] = str(calibration)
+    assert estimate(str(rest), str(frames), out=out, **options) == 0
     told = capsys.readouterr().out
     assert "displacement into the pad" in told
     assert "safety margin" not in told
-    np.testing.assert_allclose(column(out, "depth_mm"), [0.05, 0.15, 0.25, 0.35], atol=0.02)
-    np.testing.assert_allclose(column(out, "shift_x_mm"), [0.0, 0.05, 0.1, 0.15], atol=0.02)
+    np.testing.assert_allclose(column(out, "depth_mm"), [0.1, 0.3], atol=0.02)
+    np.testing.assert_allclose(column(out, "shift_x_mm"), [0.05, 0.15], atol=0.02)
     np.testing.assert_allclose(column(out, "shift_y_mm"), 0.0, atol=0.02)
-    assert (out / "figure.png").is_file()
-    assert (out / "overlay.mp4").is_file()
+    assert {"figure.png", "overlay.mp4"} <= {path.name for path in out.iterdir()}
 
 
 def test_the_figure_has_true_curves_and_gaps(
@@ -303,11 +293,10 @@ def test_the_figure_has_true_curves_and_gaps(
 ) -> None:
     """The middle frame has no estimate; its mark is at the edge and not at a value of 0."""
     drawn: list[Figure] = []
-    save = Figure.savefig
 
-    def kept(figure: Figure, *words: Any, **more: Any) -> None:
+    def kept(figure: Figure, part: Path, dpi: int) -> None:
         drawn.append(figure)
-        save(figure, *words, **more)
+        Path(part).touch()
 
     monkeypatch.setattr(Figure, "savefig", kept)
     rows: list[Row] = [

@@ -3,6 +3,7 @@
 Markers of large pictures are looked for in few pixels, and measured in as many as they need.
 """
 
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -15,10 +16,19 @@ from chromagrip.pictures.marker_list import list_markers
 from chromagrip.pictures.scale import reduction, scale_to
 from chromagrip.render import load_sensor, open_renderer, rest_membrane
 
-from .drawn_dots import covered, dotted, levels, spread
+from .drawn_dots import Array, covered, levels, save, spread
 
 SENSOR = load_sensor("thesis")
 SIZE = (1900, 1400)
+
+
+@cache
+def large(pitch: float, radius: float) -> tuple[np.ndarray, Array, Array]:
+    """Picture of grey dots on shaded ground, their places and radii."""
+    places = spread(*SIZE, pitch)
+    radii = radius * np.random.default_rng(1).uniform(0.95, 1.05, len(places))
+    light = (0.6 - 0.2 * np.arange(SIZE[0]) / SIZE[0]) * (1.0 - 0.9 * covered(SIZE, places, radii))
+    return levels(light)[..., None].repeat(3, axis=2), places, radii
 
 
 def blank(width: int, height: int) -> np.ndarray:
@@ -75,11 +85,8 @@ def test_what_one_factor_does_not_meet_is_refused_with_the_mend(
 def test_places_and_sizes_of_large_and_of_many_small_dots_are_those_drawn(
     tmp_path: Path, pitch: float, radius: float, error: float
 ) -> None:
-    places = spread(*SIZE, pitch)
-    radii = radius * np.random.default_rng(1).uniform(0.95, 1.05, len(places))
-    image = dotted(SIZE, places, radii)
-    cv2.imwrite(str(tmp_path / "large.png"), image[..., ::-1])
-    found = list_markers(tmp_path / "large.png")
+    image, places, radii = large(pitch, radius)
+    found = list_markers(save(tmp_path / "large.png", image))
     (dots,) = found.layers
     away, number = KDTree(places).query(dots.position)
     assert sorted(number) == list(range(len(places)))
@@ -99,8 +106,7 @@ def test_two_layers_of_small_dots_are_told_apart_in_a_large_picture(tmp_path: Pa
     light = np.full((SIZE[1], SIZE[0], 3), 0.85)
     for at, dye in ((places, (0.63, 0.14, 0.228)), (places + offset, (0.99, 0.771, 0.127))):
         light *= 1.0 - covered(SIZE, at, radii)[..., None] * (1.0 - np.array(dye))
-    cv2.imwrite(str(tmp_path / "pairs.png"), levels(light)[..., ::-1])
-    found = list_markers(tmp_path / "pairs.png")
+    found = list_markers(save(tmp_path / "pairs.png", levels(light)))
     assert found.palette.names == ("magenta", "yellow")
     for dots, at in zip(found.layers, (places, places + offset), strict=True):
         away, number = KDTree(at).query(dots.position)
@@ -110,8 +116,7 @@ def test_two_layers_of_small_dots_are_told_apart_in_a_large_picture(tmp_path: Pa
 
 def test_the_mean_light_of_the_pixels_is_kept_where_a_picture_is_reduced() -> None:
     """Half black and half white pixels have half of the light, which is level 188."""
-    places = spread(*SIZE, 200.0)
-    scale = reduction(dotted(SIZE, places, np.full(len(places), 44.0)))
+    scale = reduction(large(200.0, 44.0)[0])
     assert scale.times > 1
     chess = 255 * (np.indices(SIZE[::-1]).sum(axis=0) % 2).astype(np.uint8)
     small = scale(np.repeat(chess[..., None], 3, axis=2))
