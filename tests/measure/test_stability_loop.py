@@ -1,6 +1,5 @@
 """Maps of the closed loop: the prediction against an independent loop, and where methods break."""
 
-import csv
 import math
 from collections import deque
 from dataclasses import replace
@@ -48,11 +47,8 @@ from chromagrip.measure.stability.maps import (
     crushing_grip,
     maps,
 )
-from chromagrip.measure.stability.panels import place
 from chromagrip.measure.study import Asked
 from chromagrip.model import GROSS_SLIP, Drive, ForceField, contact_forces, simulate
-from chromagrip.output.cells import write_cells
-from chromagrip.scene.scene import load_scene
 from chromagrip.sensing.observers import TruthObserver
 
 Array = NDArray[np.float64]
@@ -245,6 +241,7 @@ def test_what_the_linear_plant_is_and_what_it_leaves_out() -> None:
     assert 2e-3 < plant.lag < 10e-3
 
 
+@pytest.mark.studies
 def test_every_map_is_drawn_and_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def quick_cell(setting: LoopSetting) -> LoopCell:
         found = list(OUTCOMES)[setting.latency_frames % len(OUTCOMES)]
@@ -260,25 +257,3 @@ def test_every_map_is_drawn_and_counted(tmp_path: Path, monkeypatch: pytest.Monk
     wanted = {f"{name}.{end}" for name in maps(True) for end in ("csv", "png", "svg")}
     assert wanted < {path.name for path in tmp_path.iterdir()}
     assert report.rows
-
-
-def test_maps_start_from_shipped_scenes() -> None:
-    for which in maps(False).values():
-        assert all(which.at(panel, panel.x[0], panel.y[0]).scene() for panel in which.panels)
-    assert SLOW.scene().camera.latency_frames == 1
-    assert load_scene("thesis").safety_margin == PRINTED.scene().safety_margin
-    assert load_scene("camera-100hz").safety_margin == RETUNED.scene().safety_margin
-    assert place([1.0, 10.0, 100.0], np.array([1.0, 10.0**0.5, 1000.0])) == pytest.approx(
-        [0, 0.5, 3]
-    )
-
-
-def test_a_table_of_cells_has_no_gains_that_a_controller_lacks(tmp_path: Path) -> None:
-    names = ("safety-margin", "margin-inversion", "mine:Own")
-    made = [LoopCell(controller=name, outcome="holds", root=math.nan) for name in names]
-    write_cells(made, tmp_path / "cells.csv")
-    with (tmp_path / "cells.csv").open(newline="") as file:
-        lines = list(csv.DictReader(file))
-    keys = ("proportional_n", "integral_n_per_s", "window_s")
-    found = ["".join("1" if line[key] else "0" for key in keys) for line in lines]
-    assert found == ["111", "001", "000"]
