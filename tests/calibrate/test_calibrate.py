@@ -161,6 +161,7 @@ def test_a_pinhole_is_found_again(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert furthest(found, PINHOLE, np.pi) < 0.3
 
 
+@pytest.mark.stages
 def test_standard_deviations_tell_the_scatter(fisheye_images: Path) -> None:
     """Halves of the images disagree by about what each half says of itself."""
     files = image_files([fisheye_images])
@@ -209,6 +210,7 @@ def test_images_without_corners_are_left_out_and_a_wrong_one_does_no_harm(
     np.testing.assert_allclose(found.camera.focal, FISHEYE.focal, rtol=1e-3)
 
 
+@pytest.mark.stages
 def test_parallel_boards_and_the_wrong_model_are_refused(
     fisheye_images: Path, tmp_path: Path
 ) -> None:

@@ -140,6 +140,7 @@ def test_what_is_needed_is_read_between_the_points() -> None:
 # ---- the command ----
 
 
+@pytest.mark.studies
 def test_the_command_tells_what_less_noise_is_worth(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -73,7 +73,7 @@ def in_time(loop: LinearLoop, frames: int, noise: Array) -> Array:
     return commands
 
 
-@settings(max_examples=6)
+@settings(max_examples=4)
 @given(
     gain=st.floats(0.2, 1.5),
     lag=st.floats(2e-3, 10e-3),
@@ -210,6 +210,7 @@ def test_noise_on_the_truth_path_is_as_large_as_stated() -> None:
     assert TruthObserver(0.05).observe(0.0, field, 0.0).field is field
 
 
+@pytest.mark.studies
 def test_a_grip_that_crushes_does_so_on_the_node_model() -> None:
     grip = crushing_grip(PRINTED)
     # Of the thesis's numbers: 5 N on this object are 858 N/m, and pressure grows with grip.

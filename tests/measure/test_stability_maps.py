@@ -163,18 +163,17 @@ def test_a_dome_is_inaccurate_in_long_steps_and_not_in_short_ones(
 
 
 @pytest.mark.studies
-@pytest.mark.parametrize("method", ["euler", "rk4"])
-def test_explicit_methods_fail_where_theory_says_and_the_default_does_not(method: str) -> None:
+def test_an_explicit_method_fails_where_theory_says_and_the_default_does_not() -> None:
     small = model.Grid(
         nodes=(21,),
         stiffness=(160.0,),
-        steps={"implicit": (1e-3, 1e-2), method: (0.9, 1.5)},
+        steps={"implicit": (1e-3, 1e-2), "euler": (0.9, 1.5)},
         budget=20_000,
     )
     group = model.ChainGroup(tuple(model.settings(small)), small.budget)
     found = {(cell.method, cell.step_s < cell.limit_s): cell for cell in model.cells(group)}
-    assert found[method, True].outcome == "accurate"
-    assert found[method, False].outcome in ("chattering", "diverged", "inaccurate")
+    assert found["euler", True].outcome == "accurate"
+    assert found["euler", False].outcome in ("chattering", "diverged", "inaccurate")
     assert found["implicit", False].outcome == "accurate"
     assert found["implicit", False].step_s == 1e-2
     (dear,) = model.cells(model.ChainGroup(group.settings[-1:], 10))
