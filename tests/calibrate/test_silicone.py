@@ -127,11 +127,14 @@ def test_a_press_holds_the_force_of_a_simulated_contact(
     camera, _, rest = untouched
     pressing = Pressing(nominal_calibration(DESIGN), rest, rest_pose(DESIGN, rest))
     press = Press(name="", normal=1.0, lateral=0.0, radius=8e-3)
-    shifts, held = pressing(press, own_of(pressing, 0.5, 0.0, 0.0))
-    _, force = camera.pressed(0.5, 0.0, 0.0, 8.0)
-    assert held[0] == pytest.approx(force[0], rel=0.03)
-    assert held[1:] == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
-    assert np.isfinite(shifts).all()
+    for pull in (0.0, 0.15):
+        shifts, (normal, along, across, torque) = pressing(press, own_of(pressing, 0.5, pull, 0.0))
+        _, force = camera.pressed(0.5, pull, 0.0, 8.0)
+        assert normal == pytest.approx(force[0], rel=0.03)
+        assert along == pytest.approx(force[1], rel=0.05, abs=1e-6)
+        assert [across, torque] == pytest.approx([0.0, 0.0], abs=1e-6)
+        assert np.isfinite(shifts).all()
+    assert along > 0.1
 
 
 def test_exact_presses_tell_the_silicone(untouched: tuple[Camera, Tracker, Tracks]) -> None:
@@ -266,9 +269,7 @@ def test_what_is_wrong_with_the_silicone_of_a_file_is_named(tmp_path: Path) -> N
     for sensor, change, words in (
         ("dome-2020", {"core_cm": 1.0}, "unknown key silicone.core_cm"),
         ("dome-2020", {"core_mm": 21.0}, "puts the yellow layer above the skin"),
-        ("dome-2020", {"core_mm": -1.0}, "silicone.core_mm = -1.0"),
         ("dome-2020", {"poisson": 0.5}, "silicone.poisson = 0.5"),
-        ("dome-2020", {"magenta_depth_mm": 9.0}, "magenta.depth_mm"),
         ("flat-2019", {}, "with a dome of silicone"),
     ):
         table = {"format": "chromagrip calibration 1", "sensor": sensor}
@@ -279,9 +280,8 @@ def test_what_is_wrong_with_the_silicone_of_a_file_is_named(tmp_path: Path) -> N
 
 
 @pytest.mark.stages
-@pytest.mark.parametrize("wrong", [{"normal_n": "11"}, {"radius_mm": "2"}])
 def test_presses_that_no_silicone_explains_are_refused(
-    calibrated: Calibrated, tmp_path: Path, wrong: dict[str, str]
+    calibrated: Calibrated, tmp_path: Path
 ) -> None:
     """The heaviest of few presses has something wrong."""
     for path in calibrated.presses.glob("*.png"):
@@ -291,7 +291,7 @@ def test_presses_that_no_silicone_explains_are_refused(
     with (tmp_path / "presses.csv").open("w", encoding="utf-8") as file:
         writer = csv.DictWriter(file, first)
         writer.writeheader()
-        writer.writerows([first, second, third | wrong])
+        writer.writerows([first, second, third | {"normal_n": "11"}])
     with pytest.raises(UserError, match="Check forces and radii"):
         calibrate_sensor(tmp_path, DESIGN)
 

@@ -10,7 +10,7 @@ from chromagrip.errors import UserError
 from chromagrip.measure.bench import track as bench_track
 from chromagrip.measure.engine import measure
 from chromagrip.measure.study import Asked
-from chromagrip.measure.worlds.track_motion import contact_motion, pitch
+from chromagrip.measure.worlds.track_motion import pitch
 from chromagrip.measure.worlds.track_scenes import SCENES, Conditions, Sequence, sequence
 from chromagrip.measure.worlds.track_scores import (
     UNITS,
@@ -24,7 +24,6 @@ from chromagrip.measure.worlds.track_scores import (
 from chromagrip.output.report import Bounds
 from chromagrip.render import Frame, load_sensor
 from chromagrip.render.colour import decode_srgb
-from chromagrip.render.membrane import rest_membrane
 from chromagrip.tracking import Tracks
 
 SENSOR = load_sensor("thesis")
@@ -78,25 +77,6 @@ def test_a_jump_is_as_long_as_it_says_and_leaves_the_rim() -> None:
     rim = SENSOR.places[:, 0] > np.deg2rad(84.0)
     assert length[:, :, rim].max() < 0.1
     assert length.max() == pytest.approx(size, rel=0.02)
-
-
-def test_a_drift_is_followed_until_markers_go_over_the_rim() -> None:
-    seen = sequence(SCENES["drift"], 12, limits=False)
-    hidden = [int(shot.hidden.sum()) for shot in seen.shots]
-    assert hidden[0] == 0
-    assert hidden[-1] > 10
-    assert scores(follow("constant", seen), seen)["right"] < 10.0
-
-
-def test_who_is_not_told_of_crosstalk_is_not_told() -> None:
-    told, untold = (
-        sequence(SCENES[name], 1, limits=False) for name in ("crosstalk", "crosstalk-unknown")
-    )
-    np.testing.assert_array_equal(told.shots[0].frame.image, untold.shots[0].frame.image)
-    assert told.palette.transmittance[1, 1] == pytest.approx(0.9)
-    assert untold.palette.transmittance[1, 1] == pytest.approx(0.99)
-    shift = (told.shots[0].centre - told.centre)[:, np.argmin(SENSOR.places[:, 0])]
-    np.testing.assert_allclose(shift, [[3.0, 0.0], [0.0, 0.0]], atol=0.01)
 
 
 # ---- scores ----
@@ -220,6 +200,7 @@ def test_who_never_looks_is_told_from_a_tracker() -> None:
 # ---- the commands ----
 
 
+@pytest.mark.studies
 def test_rows_of_a_bench_and_their_table(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_track, "TARGETS", {("sway", "lost"): Bounds(0.0, 0.0)})
     for name in ("QUICK_FRAMES", "QUICK_LONG", "ROUND"):
@@ -238,43 +219,3 @@ def test_rows_of_a_bench_and_their_table(monkeypatch: pytest.MonkeyPatch) -> Non
     assert rows["sway/constant/false"].value == 0.0
     assert rows["long/constant/drift"].value > 0.0
     assert (rows["long/Refusing/drift"].value, rows["long/Refusing/drift"].met) == (None, False)
-    assert report.notes[-1] == "Refusing refused sway: this tracker does not like the frame"
-    table = report.tables[0]
-    ((scene, *cells),) = table.lines
-    of = dict(zip(table.header[1:], cells, strict=True))
-    assert (scene, of["Refusing"]) == ("sway", "refused")
-    assert float(of["constant"].split()[0]) > 1.0
-    pixels = dict(zip(report.tables[1].header, report.tables[1].lines[0], strict=True))
-    assert float(pixels["constant"]) == pytest.approx(rows["sway/constant/magenta_rms"].value, 0.5)
-    assert pixels["Refusing"] == "–"
-
-
-def test_a_bug_of_a_tracker_is_not_taken_for_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Broken(Constant):
-        def update(self, frame: Frame) -> Tracks:
-            raise IndexError("a bug")
-
-    monkeypatch.setattr(bench_track, "QUICK_FRAMES", 1)
-    with pytest.raises(IndexError, match="a bug"):
-        measure("bench", "track", Asked(quick=True, methods=(Broken,), only=("sway",)), workers=1)
-
-
-@pytest.mark.studies
-def test_objects_on_the_dome_move_the_markers_as_they_say() -> None:
-    """A twist turns what is near the apex; a rod that rolls presses from side to side."""
-    sensor = load_sensor("thesis")
-    rest = rest_membrane(sensor).centres[0]
-    near = np.hypot(rest[:, 0], rest[:, 1]) < 0.8e-3
-    far = np.hypot(rest[:, 0], rest[:, 1]) > 5e-3
-    *_, end = contact_motion(sensor, None, 4, "twist")
-    moved = (end.centres[0] - rest)[:, :2]
-    arm = np.column_stack([-rest[:, 1], rest[:, 0]])
-    turn = (moved * arm).sum(axis=1) / (arm**2).sum(axis=1)
-    assert (np.degrees(turn[near]) > 5.0).all()
-    assert (np.degrees(turn[near]) < 40.0).all()
-    assert abs(np.degrees(turn[far])).max() < 1.0
-    steps = list(contact_motion(sensor, None, 8, "roll"))
-    pressed = [rest[np.argmin((one.centres[0] - rest)[:, 2]), 0] for one in steps]
-    assert pressed[2] < -1e-3
-    assert pressed[-1] > 1e-3
-    assert (np.diff(pressed[2:]) >= 0.0).all()

@@ -19,10 +19,9 @@ from chromagrip.measure.limits.dome.limit import (
     sum_weights,
 )
 from chromagrip.measure.limits.dome.report import NOISES, DomeLimit
-from chromagrip.measure.limits.sweep import sweep
 from chromagrip.model.dome import lattice
 from chromagrip.render import Defects, SensorDesign, load_sensor
-from chromagrip.tracking.forces.dome import CURVES, FRICTION, MOVING, DomeResponse, units_of
+from chromagrip.tracking.forces.dome import FRICTION, MOVING, DomeResponse, units_of
 from chromagrip.tracking.forces.dome.contact_fit import ContactFit
 from chromagrip.tracking.forces.dome.key_shifts import Key, Shifts
 
@@ -159,18 +158,6 @@ def test_the_contact_that_is_fitted_reaches_the_bound() -> None:
     np.testing.assert_allclose(reached, astuple(seen(False).contact(noise)), rtol=0.5)
 
 
-def test_the_prior_is_that_of_the_poses_one_after_another() -> None:
-    """A way of equal steps costs each of them; curvatures count by their spread."""
-    units, prior = units_of(held().dome), contact_prior(held())
-    step = np.zeros(len(prior))
-    step[8 + 2 :: MOVING] = np.array([1.0, 2.0])  # press
-    deviation = 0.15 * held().dome.thickness
-    assert step @ prior @ step == pytest.approx(2.0 * (units[2] / deviation) ** 2)
-    curve = np.zeros(len(prior))
-    curve[CURVES.start] = 1.0 / units[MOVING + CURVES.start]
-    assert curve @ prior @ curve == pytest.approx((held().dome.radius / 1.6) ** 2)
-
-
 def test_a_press_alone_hides_friction() -> None:
     pressed = Seen(ON_CORE, hold(ON_CORE.dome, replace(GRIP, load=0.0)))
     # How far the skin slips outwards says a little.
@@ -231,16 +218,6 @@ def test_free_tractions_are_those_of_the_other_form() -> None:
     assert np.sqrt(forward @ posterior @ forward) == pytest.approx(stated.x, rel=1e-3)
 
 
-@pytest.mark.studies
-def test_an_open_zone_ends_with_the_markers() -> None:
-    fovea = coarse("fovea", 0.8)
-    there = Seen(fovea, hold(fovea.dome, GRIP))
-    points = lattice(there.held.dome).points[there.zone(ZONES[1])]
-    angle = np.degrees(np.arccos(points[:, 2] / 8e-3))
-    assert 30.0 < angle.max() < 36.0
-    assert set(there.zone(ZONES[0])) < set(there.zone(ZONES[1]))
-
-
 # ---- what is said of a design ----
 
 
@@ -265,36 +242,3 @@ def test_each_dial_changes_what_it_says_and_nothing_else() -> None:
         assert dial.value(changed) == pytest.approx(wanted, rel=0.02)
         rest = {other: each.value(changed) for other, each in dials.items() if other != name}
         assert rest == pytest.approx({other: before[other] for other in rest})
-
-
-def test_a_camera_that_is_moved_keeps_its_picture_filled() -> None:
-    reach = []
-    for place in (-0.4, 0.0, 0.6):
-        moved = DIALS["camera"].change(ON_CORE, place)
-        points = [moved.shape.points(moved.places, depth) for depth in moved.depths]
-        pixels = moved.view.project(np.concatenate(points))
-        reach.append(np.linalg.norm(pixels - 143.5, axis=1).max())
-    np.testing.assert_allclose(reach, reach[1], rtol=1e-6)
-
-
-def test_limits_fall_with_pixels_and_markers_and_rise_with_noise(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    tried = dict.fromkeys(("height", "markers"), (0.7, 1.4)) | {"noise": (0.5, 2.0)}
-    for name, dial in DIALS.items():
-        values = (tried | {"inner": (0.6, 0.2)}).get(name, ())
-        monkeypatch.setitem(DIALS, name, replace(dial, tried=values))
-    points = sweep(LIMIT)
-    found = {name: [p for p in points if p.dial == name] for name in DIALS}
-    for name, sign in (("height", -1.0), ("markers", -1.0), ("noise", 1.0)):
-        told = np.array([list(p.errors.values()) for p in found[name]])
-        assert (sign * np.diff(told, axis=0) > 0.0).all(), name
-    own = [p for p in points if p.own]
-    assert len(own) == len(DIALS)
-    assert len({tuple(p.errors.values()) for p in own}) == 1
-    # A layer that moves tells more of forces than one on the core, and lies below the other.
-    inner = found["inner"]
-    assert inner[-1].own
-    assert inner[1].error("normal_error_n") < inner[-1].error("normal_error_n")
-    assert math.isnan(inner[0].error())
-    assert "below the outer one" in inner[0].note

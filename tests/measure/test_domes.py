@@ -9,20 +9,14 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from msgspec import structs
-from scipy.spatial.transform import Rotation
 
-from chromagrip.measure.bench.force_dome import report_of
-from chromagrip.measure.worlds.dome.across import WORLDS, across_scene, random_grasp
 from chromagrip.measure.worlds.dome.elements import CASES, ElementField, presses
-from chromagrip.measure.worlds.dome.grips import MARGINS, SMOOTH, UNLIKE, Grip, random_grip, turned
+from chromagrip.measure.worlds.dome.grips import MARGINS, SMOOTH, UNLIKE, Grip, random_grip
 from chromagrip.measure.worlds.dome.readings import UNITS, Reading, constant, read, scores
 from chromagrip.measure.worlds.dome.scenes import Watched, watch
-from chromagrip.measure.worlds.dome.sets import DESIGNS, NEXT, DomeResult, joined
 from chromagrip.measure.worlds.dome.specimens import (
     OFF,
     SPECIMENS,
-    calibrated,
-    calibration_file,
     matched,
     mismatched,
     signs,
@@ -32,8 +26,7 @@ from chromagrip.model import ForceField, Solid, simulate_contact
 from chromagrip.model.dome import MarkerField, press_and_move
 from chromagrip.model.shapes import plane
 from chromagrip.render import Defects
-from chromagrip.tracking import NoEstimateError, Tracks, load_calibration, sensor_as_designed
-from chromagrip.tracking.forces import nominal_calibration, silicone_of
+from chromagrip.tracking import NoEstimateError, Tracks, sensor_as_designed
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 
@@ -56,23 +49,6 @@ def test_a_grip_is_loaded_to_its_margins(kind: str) -> None:
     # A plane and a rod are pressed along their own normal, however they are tilted.
     assert math.degrees(math.acos(-down[2])) <= (8.0 if kind in ("rod", "tilted") else 1e-6)
     assert set(UNLIKE).isdisjoint(SMOOTH)
-
-
-@pytest.mark.parametrize("kind", SMOOTH[:2])
-def test_an_object_is_turned_about_the_axis_and_not_loaded(kind: str) -> None:
-    rng = np.random.default_rng(7)
-    grip = turned(rng, random_grip(rng, matched("chromatouch-next").dome, kind, 3.0))
-    motion, (pressed, end) = grip.motion, grip.ends
-    assert motion.duration == end
-    ways = [Rotation.from_rotvec(motion.pose_at(time)[3:]) for time in (0.0, pressed, end)]
-    assert (ways[0].inv() * ways[1]).magnitude() < 1e-12
-    about = (ways[2] * ways[0].inv()).as_rotvec()
-    assert about[:2] == pytest.approx([0.0, 0.0])
-    assert about[2] == pytest.approx(grip.turn)
-    assert 5.0 <= abs(math.degrees(grip.turn)) <= 25.0
-    middle = Rotation.from_rotvec(motion.pose_at(0.5 * (pressed + end))[3:])
-    assert (middle * ways[0].inv()).magnitude() < abs(grip.turn) + 1e-9
-    assert np.linalg.norm(motion.loads[-1, :3]) == pytest.approx(3.0)
 
 
 def test_each_deviation_is_up_in_half_of_the_specimens_whatever_another_is() -> None:
@@ -98,18 +74,6 @@ def test_a_mismatched_specimen_is_off_by_what_is_said() -> None:
     middle = ((camera.width_px - 1) / 2, (camera.height_px - 1) / 2)
     shift = np.array(camera.centre_px) - np.array(middle)
     assert shift == pytest.approx([0.5 * up["centre_x_px"], 0.5 * up["centre_y_px"]])
-
-
-@pytest.mark.parametrize("name", [*DESIGNS, NEXT])
-def test_calibrations_are_nearer_to_the_specimens_than_the_design(name: str) -> None:
-    design, off = silicone_of(sensor_as_designed(name)), []
-    for k in calibrated(name):
-        known = load_calibration(str(calibration_file(name, k)))
-        true = silicone_of(nominal_calibration(mismatched(name, k).sensor))
-        off.append([one.young_kpa / true.young_kpa - 1.0 for one in (silicone_of(known), design)])
-    found, nominal = np.sqrt(np.mean(np.square(off), axis=0))
-    assert nominal == pytest.approx(0.1, abs=0.01)
-    assert found < 0.6 * nominal  # their finer mesh is in it
 
 
 # ---- pictures ----
@@ -268,44 +232,3 @@ def test_scores_are_the_errors_that_are_put_in() -> None:
 
 
 # ---- rows ----
-
-
-def _result(off: float, names: tuple[str, ...]) -> DomeResult:
-    true = np.array([[3.0, 1.0, 0.5, g] for g in (0.1, 0.3, 0.6)])
-    side = np.array([[0.6, 0.8, 0.002]] * 3)
-    reading = _reading(true * (1.0 + off), np.full((3, 4), 0.02), side * (1.0 + off))
-    return DomeResult(true=true, side=side, readings=dict.fromkeys(names, reading))
-
-
-def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
-    sets = {
-        ("dome-2020", "mismatched"): joined([_result(0.0, ("contact",))] * 2),
-        ("dome-2022", "mismatched"): _result(0.07, ("contact",)),
-        ("dome-2022", "mismatched-nominal"): _result(0.07, ("contact",)),
-        ("thesis", "chain"): _result(0.5, ("sequential", "contact")),
-        ("thesis", "soft"): _result(0.01, ("contact",)),
-    }
-    report = report_of(sets)
-    rows = {row.name.removeprefix("dome/"): row for row in report.rows}
-    assert rows["dome-2020/mismatched/normal_share"].met is True
-    assert rows["dome-2020/mismatched/normal_share"].note == "a constant answer passes"
-    for score in ("normal_share", "side_share", "normal_narrow"):
-        assert rows[f"dome-2022/mismatched/{score}"].met is False
-    assert rows["thesis/soft/contact/normal_share"].met is True
-    for name in ("dome-2020/mismatched/constant", "dome-2022/mismatched-nominal",
-                 "thesis/chain/contact"):  # fmt: skip
-        assert rows[f"{name}/normal_share"].target is None
-    assert rows["thesis/chain/sequential/normal_share"].value == pytest.approx(50.0)
-    assert rows["dome-2020/mismatched/frames"].value == 6
-    assert [line[0] for line in report.tables[-1].lines] == ["constant", "sequential", "contact"]
-
-
-@pytest.mark.studies
-@pytest.mark.parametrize("world", WORLDS)
-def test_worlds_draw_the_same_grasps(world: str) -> None:
-    found = across_scene(world, 0)
-    if world != "elements":
-        grip = random_grasp(0).drive.normal[-1]
-        assert found.true[:, 0] == pytest.approx(np.full(4, grip), rel=0.03)
-        assert found.true[1:, 3] == pytest.approx(MARGINS, abs=0.06)
-    assert len(found.tracks) > found.scored[-1]

@@ -8,14 +8,12 @@ import pytest
 from chromagrip.measure.bench import force as bench_force
 from chromagrip.measure.bench import force_beyond, force_sets
 from chromagrip.measure.engine import measure
-from chromagrip.measure.study import Asked, find_study
-from chromagrip.measure.worlds.beyond.groups import BEYOND, GROUPS
+from chromagrip.measure.study import Asked
 from chromagrip.measure.worlds.beyond.scores import UNITS as BEYOND_UNITS
 from chromagrip.measure.worlds.beyond.scores import beyond_scores
 from chromagrip.measure.worlds.force_scenes import ForceScene
 from chromagrip.measure.worlds.force_scores import (
     QUANTITIES,
-    READ,
     UNITS,
     Answers,
     answers,
@@ -25,7 +23,6 @@ from chromagrip.measure.worlds.force_scores import (
 )
 from chromagrip.measure.worlds.grasps import LIBRARY, scenes
 from chromagrip.model import ForceField
-from chromagrip.output.report import Bounds
 from chromagrip.tracking import Z90, NoEstimateError, Tracks
 
 #: (ΣFn, ΣFf, µ, Γ) of as many scenes, and the deviations of normal errors.
@@ -235,29 +232,3 @@ def test_rows_of_groups_and_parts_mark_what_a_constant_passes() -> None:
     assert rows["0.1s/constant/honest"].value == pytest.approx(guess)
     assert rows["left/0.1s/sequential/scenes"].value == COUNT / 2
     assert rows["all/0.1s/sequential/honest"].value == honest.value
-
-
-def test_targets_are_of_sets_and_scores_that_there_are() -> None:
-    sets = {force_sets.set_name(world, kind) for world, kind in bench_force.COUNTS}
-    for name, read, score in bench_force.TARGETS:
-        assert name in sets
-        assert read in READ
-        assert score in UNITS
-    assert {group for group, _ in force_beyond.TARGETS} == set(GROUPS)
-    assert {score for _, score in force_beyond.TARGETS} <= set(BEYOND_UNITS)
-    for group, label, *_ in force_beyond.PART_TARGETS:
-        cases = [GROUPS[group](np.random.default_rng([4, k]), k) for k in range(6)]
-        assert any(label in case.labels for case in cases)
-    assert force_beyond.TARGETS["soft", "flagged"] == Bounds(high=50.0)
-
-
-def test_a_run_has_the_groups_that_are_asked_for() -> None:
-    full = bench_force._counts(False, "", ())
-    assert {kind for world, kind in full if world == BEYOND} == set(GROUPS)
-    assert min(n for (world, _), n in full.items() if world == BEYOND) >= 24
-    asked = bench_force._counts(False, BEYOND, ("roll", "jpeg"))
-    assert set(asked) == {(BEYOND, "roll"), (BEYOND, "jpeg")}
-    assert {w for w, _ in bench_force._counts(True, "matched", ())} == {"matched"}
-    # A group says which world it belongs to.
-    assert find_study("bench", "force", Asked(only=("roll",))).worlds[-1] == BEYOND
-    assert find_study("bench", "force", Asked(only=("elements",))).worlds == ("dome",)

@@ -68,7 +68,7 @@ def test_the_truth_itself_has_no_error_under_any_numbers() -> None:
     assert np.isnan(scores["bound"])
 
 
-@settings(max_examples=10)
+@settings(max_examples=4)
 @given(deviation=st.floats(0.01, 0.4), dx=st.floats(-0.5, 0.5))
 def test_noise_and_offset_are_found_as_large_as_they_are(deviation: float, dx: float) -> None:
     true = moving()

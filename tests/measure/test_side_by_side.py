@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.model import side_by_side as page
-from benchmarks.model.side_by_side import Press, Side, side_by_side, side_rows, side_table
-from benchmarks.model.side_by_side_figure import draw_side_by_side
+from benchmarks.model.side_by_side import Press, Side, side_by_side, side_rows
 from benchmarks.render.real_press import FLOW, outward_flow, real_presses
 from chromagrip.model.shapes import ball, plane
-from chromagrip.output.figure import png
 from chromagrip.render import load_sensor
 
 pytestmark = pytest.mark.studies
@@ -52,15 +50,6 @@ def test_the_edge_of_a_pressure_is_found_between_nodes() -> None:
     place = np.linspace(-3e-3, 3e-3, 31)
     force = np.maximum(0.0, 2.05e-3 - abs(place))
     assert page._edge(place, force, 0.2e-3) == pytest.approx(2.05e-3)
-
-
-def test_the_picture_and_the_table_have_every_side(sides: list[Side]) -> None:
-    figure = draw_side_by_side(sides)
-    assert [len(axes.lines) for axes in figure.axes] == [6, 4, 4, 5]
-    assert png(figure)[:4] == b"\x89PNG"
-    table = side_table(sides)
-    assert table.header[1:] == ("chain, flat", "dome, flat", "chain, ball", "dome, ball")
-    assert all(len(line) == 5 for line in table.lines)
 
 
 def test_the_hue_of_a_press_is_the_published_one() -> None:

@@ -1,6 +1,5 @@
 """Maps of the closed loop: the prediction against an independent loop, and where methods break."""
 
-import csv
 import math
 from collections import deque
 from dataclasses import replace
@@ -48,11 +47,8 @@ from chromagrip.measure.stability.maps import (
     crushing_grip,
     maps,
 )
-from chromagrip.measure.stability.panels import place
 from chromagrip.measure.study import Asked
 from chromagrip.model import GROSS_SLIP, Drive, ForceField, contact_forces, simulate
-from chromagrip.output.cells import write_cells
-from chromagrip.scene.scene import load_scene
 from chromagrip.sensing.observers import TruthObserver
 
 Array = NDArray[np.float64]
@@ -77,7 +73,7 @@ def in_time(loop: LinearLoop, frames: int, noise: Array) -> Array:
     return commands
 
 
-@settings(max_examples=6)
+@settings(max_examples=4)
 @given(
     gain=st.floats(0.2, 1.5),
     lag=st.floats(2e-3, 10e-3),
@@ -214,6 +210,7 @@ def test_noise_on_the_truth_path_is_as_large_as_stated() -> None:
     assert TruthObserver(0.05).observe(0.0, field, 0.0).field is field
 
 
+@pytest.mark.studies
 def test_a_grip_that_crushes_does_so_on_the_node_model() -> None:
     grip = crushing_grip(PRINTED)
     # Of the thesis's numbers: 5 N on this object are 858 N/m, and pressure grows with grip.
@@ -245,6 +242,7 @@ def test_what_the_linear_plant_is_and_what_it_leaves_out() -> None:
     assert 2e-3 < plant.lag < 10e-3
 
 
+@pytest.mark.studies
 def test_every_map_is_drawn_and_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def quick_cell(setting: LoopSetting) -> LoopCell:
         found = list(OUTCOMES)[setting.latency_frames % len(OUTCOMES)]
@@ -260,25 +258,3 @@ def test_every_map_is_drawn_and_counted(tmp_path: Path, monkeypatch: pytest.Monk
     wanted = {f"{name}.{end}" for name in maps(True) for end in ("csv", "png", "svg")}
     assert wanted < {path.name for path in tmp_path.iterdir()}
     assert report.rows
-
-
-def test_maps_start_from_shipped_scenes() -> None:
-    for which in maps(False).values():
-        assert all(which.at(panel, panel.x[0], panel.y[0]).scene() for panel in which.panels)
-    assert SLOW.scene().camera.latency_frames == 1
-    assert load_scene("thesis").safety_margin == PRINTED.scene().safety_margin
-    assert load_scene("camera-100hz").safety_margin == RETUNED.scene().safety_margin
-    assert place([1.0, 10.0, 100.0], np.array([1.0, 10.0**0.5, 1000.0])) == pytest.approx(
-        [0, 0.5, 3]
-    )
-
-
-def test_a_table_of_cells_has_no_gains_that_a_controller_lacks(tmp_path: Path) -> None:
-    names = ("safety-margin", "margin-inversion", "mine:Own")
-    made = [LoopCell(controller=name, outcome="holds", root=math.nan) for name in names]
-    write_cells(made, tmp_path / "cells.csv")
-    with (tmp_path / "cells.csv").open(newline="") as file:
-        lines = list(csv.DictReader(file))
-    keys = ("proportional_n", "integral_n_per_s", "window_s")
-    found = ["".join("1" if line[key] else "0" for key in keys) for line in lines]
-    assert found == ["111", "001", "000"]
