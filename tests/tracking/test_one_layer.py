@@ -5,7 +5,6 @@ from subprocess import CompletedProcess
 
 import numpy as np
 import pytest
-from msgspec import structs
 from scipy.spatial import KDTree
 
 from chromagrip.errors import UserError
@@ -61,8 +60,3 @@ def test_what_needs_two_layers_refuses_it_in_one_sentence(typed: Typed) -> None:
     assert told.returncode == 2
     assert "has one layer of markers" in told.stderr
     assert told.stderr.count("\n") == 1
-    # Markers brighter than the ground need a design of one layer.
-    sensor = load_sensor("thesis")
-    bright = structs.replace(sensor.magenta, transmittance=(3.0, 3.0, 3.0))
-    with pytest.raises(UserError, match="at most 1"):
-        structs.replace(sensor, magenta=bright)

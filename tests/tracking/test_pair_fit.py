@@ -1,12 +1,9 @@
-from collections.abc import Iterator
-from functools import cache
-
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from chromagrip.render import Frame, Membrane, SensorDesign, load_sensor
+from chromagrip.render import Frame, Membrane
 from chromagrip.render.colour import encode_srgb
 from chromagrip.render.drawing import supersampled
 from chromagrip.render.drawing.coverage import EDGE_RANGE, edge, edge_slope
@@ -15,9 +12,10 @@ from chromagrip.render.drawing.supersampled import (
     projected_outlines,
     supersampled_image,
 )
-from chromagrip.render.membrane import rest_membrane
 from chromagrip.tracking import MarkerTracker, Palette
-from chromagrip.tracking.fit.kernels.neighbour_kernels import crowded, tie_light
+from chromagrip.tracking.fit.kernels.neighbour_kernels import tie_light
+
+from .middle import PALETTE, PLACES, REST, SENSOR, moved
 
 BLUR, RADIUS, NOISE = 0.9, 6.0, 2.0
 
@@ -56,7 +54,7 @@ def test_one_dye_reaches_the_limit_of_one_disc(transmittance: float, ground: flo
     rest = tracker.reset([dots(transmittance, (0.0, 0.0), ground, seed) for seed in range(8)])
     assert rest.position.shape == (1, 30, 2)
     shift, errors, squares, sizes, size_squares = (0.0, 0.0), [], [], [], []
-    for seed in range(8, 24):
+    for seed in range(8, 20):
         shift = (0.1 * (seed - 8), -0.05 * (seed - 8))
         tracks = tracker.update(dots(transmittance, shift, ground, seed))
         lattice = rest.position[0] / [24, 22] - np.array([15, 15]) / [24, 22]
@@ -106,114 +104,63 @@ def test_neighbours_tell_of_the_light_as_far_as_it_is_even(
     np.testing.assert_allclose(fits[:, 0, :2], error[:, :2], atol=1e-15)
 
 
-def test_markers_on_each_other_are_crowded() -> None:
-    fits = np.zeros((4, 2, 5))
-    fits[:, 0, 0] = fits[:, 1, 0] = [0.0, 10.0, 14.0, 30.0]
-    fits[1, 1, 1] = 8.0
-    visible = np.ones((4, 2), dtype=np.bool_)
-    near = np.array([[1], [2], [1], [2]])
-    found = crowded(fits, visible, near, np.array([5.0, 5.0]))
-    np.testing.assert_array_equal(found, [[0, 0], [1, 0], [1, 0], [0, 0]])
-    visible[2, 0] = False
-    assert not crowded(fits, visible, near, np.array([5.0, 5.0])).any()
-
-
-#: Markers this far from the middle of the picture are drawn, and those that are asked for [px].
-DRAWN, ASKED = 160.0, 130.0
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _coarser() -> Iterator[None]:
-    """Fewer corners, which the true areas have too: half of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(supersampled, "CORNERS", 90)
-        yield
-
-
-@cache
-def resting() -> Membrane:
-    """The thesis' sensor at rest, as far as it is asked for: brute force takes its time."""
-    sensor = load_sensor("thesis")
-    rest = rest_membrane(sensor)
-    drawn = from_middle(polygon_centroids(projected_outlines(sensor, rest))[1]) < DRAWN
-    return Membrane(centres=rest.centres[:, drawn], axes=rest.axes[:, drawn])
-
-
-@cache
-def brute_rest() -> np.ndarray:
-    """The picture of it."""
-    return supersampled_image(load_sensor("thesis"), resting())
-
-
-def from_middle(pixels: np.ndarray) -> np.ndarray:
-    """Distance from the middle of the thesis' picture [px]."""
-    return np.linalg.norm(pixels - [319.5, 239.5], axis=-1)
-
-
 def size_errors(
-    sensor: SensorDesign, membranes: tuple[Membrane, Membrane], pictures: tuple[np.ndarray, ...]
-) -> tuple[np.ndarray, ...]:
-    """Errors of log sizes (2, M), places at rest (M, 2), outlines, and stated deviations (2, M)."""
-    tracker = MarkerTracker(Palette.of_sensor(sensor), 2.0)
-    found = tracker.reset([Frame(image=pictures[0], time=0.0)])
+    monkeypatch: pytest.MonkeyPatch, membrane: Membrane
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Errors of log sizes and their stated deviations (2, M), and outlines.
+
+    On pictures that share no code with the fit: both dyes, then the lens.
+    """
+    monkeypatch.setattr(supersampled, "CORNERS", 90)  # which the true areas have too
+    first, last = (supersampled_image(SENSOR, m) for m in (REST, membrane))
+    tracker = MarkerTracker(PALETTE, 2.0)
+    found = tracker.reset([Frame(image=first, time=0.0)])
     for k in range(3):
-        tracks = tracker.update(Frame(image=pictures[1], time=0.01 * (k + 1)))
-    before, after = (projected_outlines(sensor, m) for m in membranes)
+        tracks = tracker.update(Frame(image=last, time=0.01 * (k + 1)))
+    before, after = (projected_outlines(SENSOR, m) for m in (REST, membrane))
     grown = 0.5 * np.log(polygon_areas(after) / polygon_areas(before))
-    designed = polygon_centroids(before)[1]
-    distance, number = KDTree(found.position[1]).query(designed)
-    assert distance[from_middle(designed) < ASKED].max() < 0.1
+    distance, number = KDTree(found.position[1]).query(polygon_centroids(before)[1])
+    assert distance.max() < 0.1
     stated = np.sqrt(tracks.covariance[number][:, [2, 5], [2, 5]].T)
-    return tracks.log_size[:, number] - grown, designed, after, stated
+    return tracks.log_size[:, number] - grown, stated, after
 
 
 @pytest.mark.stages
-def test_sizes_are_right_wherever_the_other_layer_lies() -> None:
-    """On pictures that share no code with the fit: both dyes, then the lens."""
-    sensor, rest = load_sensor("thesis"), resting()
-    rng = np.random.default_rng(6)
-    count = rest.centres.shape[1]
+def test_sizes_are_right_wherever_the_other_layer_lies(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, count = np.random.default_rng(6), len(PLACES)
     pixels, angle = rng.uniform(0.0, 5.0, count), rng.uniform(0.0, 2.0 * np.pi, count)
-    centres = rest.centres.copy()
-    centres[0, :, :2] += (5.3e-5 * pixels * np.stack([np.cos(angle), np.sin(angle)])).T
-    aside = Membrane(centres=centres, axes=rest.axes)
-    pictures = brute_rest(), supersampled_image(sensor, aside)
-    error, designed, _, _ = size_errors(sensor, (rest, aside), pictures)
-    middle = from_middle(designed) < ASKED
+    way = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
+    error, _, _ = size_errors(monkeypatch, moved(5.3e-5 * pixels[:, None] * way, layer=0))
     for low in range(5):
-        of = middle & (low <= pixels) & (pixels < low + 1)
+        of = (low <= pixels) & (pixels < low + 1)
         assert of.sum() > 15
         assert abs(np.median(error[:, of], axis=1)).max() < 1e-3
 
 
 @pytest.mark.stages
 @pytest.mark.parametrize("apart_by", [2.05, 1.6])
-def test_sizes_are_right_where_pairs_touch(apart_by: float) -> None:
-    """Brute force again: edges of neighbours face each other, and what they absorb adds up.
+def test_sizes_are_right_where_pairs_touch(
+    monkeypatch: pytest.MonkeyPatch, apart_by: float
+) -> None:
+    """Edges of neighbours face each other, and what they absorb adds up.
 
     Where they lie on each other it is less certain how much, and that is said.
     """
-    sensor = load_sensor("thesis")
-    rest = resting()
     # Two and two, both layers alike, move together until half a pixel is left, or less.
-    flat = rest.centres[0, :, :2]
-    move, alone = np.zeros_like(flat), np.ones(len(flat), dtype=bool)
+    flat = REST.centres[0, :, :2]
+    move, alone = np.zeros((len(flat), 3)), np.ones(len(flat), dtype=bool)
     for k, near in enumerate(KDTree(flat).query(flat, k=7)[1]):
         free = [other for other in near[1:] if alone[other]]
         if alone[k] and free:
             way = flat[free[0]] - flat[k]
             apart = np.linalg.norm(way)
-            move[k] = 0.5 * way / apart * (apart - apart_by * sensor.half_sizes[1])
+            move[k, :2] = 0.5 * way / apart * (apart - apart_by * SENSOR.half_sizes[1])
             move[free[0]] = -move[k]
             alone[[k, free[0]]] = False
-    centres = rest.centres.copy()
-    centres[:, :, :2] += move
-    together = Membrane(centres=centres, axes=rest.axes)
-    pictures = brute_rest(), supersampled_image(sensor, together)
-    error, designed, after, stated = size_errors(sensor, (rest, together), pictures)
+    error, stated, after = size_errors(monkeypatch, moved(move))
     now = polygon_centroids(after)[1]
     gap = KDTree(now).query(now, k=2)[0][:, 1] - 2.0 * np.sqrt(polygon_areas(after)[1] / np.pi)
-    touching = (from_middle(designed) < ASKED) & (gap < 1.5)
+    touching = gap < 1.5
     assert touching.sum() > 30
     error, stated = error[:, touching], stated[:, touching]
     if apart_by > 2.0:

@@ -5,14 +5,14 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from chromagrip.errors import UserError
 from chromagrip.render import add_noise, load_sensor, open_renderer
 from chromagrip.render.membrane import rest_membrane
-from chromagrip.tracking import check_told_apart, detect_markers, learn_palette, sight
+from chromagrip.tracking import detect_markers, learn_palette, sight
 from chromagrip.tracking.sighting import SightSettings
 
 from ..pictures.drawn_dots import covered, levels, spread
@@ -94,42 +94,19 @@ def test_sizes_may_scatter_by_a_factor_of_two(
     assert seen.field[y, x].all()
 
 
-@settings(max_examples=3)
-@given(
-    radius=st.floats(5.0, 9.0),
-    apart=st.floats(2.05, 2.8),
-    staggered=st.booleans(),
-    colours=st.sampled_from([COLOURS[0][:2], COLOURS[1][:2], COLOURS[4][:2]]),
-)
-@example(radius=5.0, apart=2.41796875, staggered=True, colours=COLOURS[0][:2])
+@pytest.mark.parametrize(("radius", "staggered"), [(6.0, False), (9.0, True)])
 def test_the_ground_between_dense_dots_is_not_taken_for_dots(
-    radius: float, apart: float, staggered: bool, colours: tuple[Light, Light]
+    radius: float, staggered: bool
 ) -> None:
-    pitch = apart * radius
+    pitch = 2.5 * radius
     up = pitch * np.sqrt(0.75) if staggered else pitch
-    places = np.array(
-        [
-            ((k + 0.8 + 0.5 * (n % 2) * staggered) * pitch, (n + 0.8) * up)
-            for n in range(int(HEIGHT / up) - 1)
-            for k in range(int(WIDTH / pitch) - 1)
-        ]
-    )
-    ground, marker = colours
-    wide = (apart - 2.0) * radius > 2.0  # between two dots [px], of which the blur leaves little
-    image = dotted(places, radius, ground, marker)
-    palette = learn_palette(image, sight(image))
-    if not wide or ground < marker:
-        try:
-            check_told_apart(detect_markers(image, palette), palette)
-        except UserError:
-            return
-    dots = detect_markers(image, palette)
-    found = dots[0].position
-    wrong = KDTree(places).query(found)[0] > 0.4 * radius
-    assert wrong.mean() < 0.2  # two that touch may be taken for one
-    if wide and ground > marker:
-        assert not wrong.any()
-        assert (KDTree(found).query(places)[0] < 0.2 * radius).mean() > 0.95
+    x, y = np.meshgrid(np.arange(0.8, WIDTH / pitch - 1), np.arange(0.8, HEIGHT / up - 1))
+    x += 0.5 * staggered * (np.arange(len(x)) % 2)[:, None]
+    places = np.stack([pitch * x.ravel(), up * y.ravel()], axis=-1)
+    image = dotted(places, radius)
+    (dots,) = detect_markers(image, learn_palette(image, sight(image)))
+    assert KDTree(places).query(dots.position)[0].max() < 0.4 * radius
+    assert (KDTree(dots.position).query(places)[0] < 0.2 * radius).mean() > 0.95
 
 
 def test_lamps_specks_and_a_label_beside_the_markers_are_none() -> None:
@@ -157,14 +134,6 @@ def grainy(blur: float) -> np.ndarray:
     return np.asarray(cv2.GaussianBlur(noise, (0, 0), blur)) if blur else noise
 
 
-def written() -> np.ndarray:
-    image = flat(255)
-    for row in range(9):
-        words, place = "the quick brown fox jumps over", (5, 30 + 30 * row)
-        cv2.putText(image, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.7, (0, 0, 0), 2, cv2.LINE_AA)
-    return image
-
-
 def anywhere() -> np.ndarray:
     """Spots of any size at any place, as leaves or lights are."""
     rng = np.random.default_rng(4)
@@ -178,9 +147,7 @@ def anywhere() -> np.ndarray:
 NOTHING = {
     "grey": flat(128),
     "noise": grainy(0.0),
-    "noise of 3 px": grainy(3.0),
     "noise of 8 px": grainy(8.0),
-    "text": written(),
     "slope": np.linspace(flat(0)[:, 0], flat(255)[:, 0], WIDTH, axis=1).astype(np.uint8),
     "few": dotted(np.array([[100.0, 100.0], [140.0, 100.0], [100.0, 140.0]])),
     "anywhere": anywhere(),
@@ -206,8 +173,6 @@ def test_markers_are_looked_for_where_and_in_what_number_that_is_asked() -> None
     seen = sight(image, half)
     assert not seen.field[:, WIDTH // 2 :].any()
     assert seen.position[:, 0].max() < WIDTH / 2 + 1
-    wide = sight(image, settings=SightSettings(margin=1.5))
-    assert wide.field.sum() > 1.1 * sight(image).field.sum()
     with pytest.raises(UserError, match="no regular marker pattern"):
         sight(image, settings=SightSettings(fewest=len(places) + 1))
 

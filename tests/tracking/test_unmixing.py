@@ -78,16 +78,3 @@ def test_noise_covers_nothing() -> None:
         noise = rng.normal(0.0, 0.02 * np.sqrt(light), (200, 200, 3))
         coverage = dye_coverages((light + noise).astype(np.float32), DYES)
         np.testing.assert_allclose(coverage.mean(axis=(1, 2)), float(light[0] < 1.0), atol=0.02)
-
-
-def test_a_housing_is_not_lit() -> None:
-    """Striped and a sixth as bright, it is told from a skin that is shaded to a third."""
-    y, x = np.mgrid[:240, :320]
-    skin = np.hypot(x - 160, y - 120) < 100
-    light = np.where(skin, 0.8 - 0.5 * x / 320, 0.06 + 0.04 * (x // 9 % 2))
-    image = np.repeat(light[..., None], 3, axis=2).astype(np.float32)
-    ground, field = rough_ground(image, 28, np.ones((240, 320), dtype=bool), bright=False)
-    distance = np.hypot(x - 160, y - 120)
-    assert field[distance < 92].all()
-    assert not field[distance > 101].any()
-    assert abs(ground[..., 1] / light - 1.0)[field].max() < 0.2

@@ -17,6 +17,8 @@ from chromagrip.tracking.forces.calibration import (
 )
 from chromagrip.tracking.forces.displacement import DisplacementGains, fit_gains, skin_displacement
 
+from .drawn import made
+
 SENSOR = load_sensor("thesis")
 REPORT = FitReport(presses=("a.png",), noise_levels=2.0, error_px=0.01)
 #: Of Lin 2019: −16.5 °/mm, 5.7 px/mm at rest, 8 px/mm² with the depth.
@@ -31,13 +33,12 @@ GAINS = DisplacementGains(
 )
 
 
-#: File of a sensor that is read as a chain, with every key that such a file ever had.
+#: File of a sensor that is read as a chain.
 TEXT = """format = "chromagrip calibration 1"
 sensor = "thesis"
 position_floor_px = 0.03
 size_floor = 4e-4
 stiffness_deviation = 0.02
-
 [values]
 tissue_stiffness_n_per_m = 330.0
 membrane_stiffness_n_per_m = 1400.0
@@ -45,40 +46,12 @@ tissue_poisson = 0.41
 yellow_follow = 0.45
 magenta_depth_mm = 0.28
 yellow_depth_mm = 1.1
-
-[fit]
-presses = ["a.png"]
-noise_levels = 2.0
-error_px = 0.01
-normal_error_share = 0.01
-friction_error_n = 0.01
-
-[fit.deviations]
-tissue_stiffness_n_per_m = 3.0
 """
 
 
 def calibrated() -> SensorCalibration:
     nominal = nominal_calibration(SENSOR)
     return replace(nominal, position_floor=0.03, size_floor=4e-4, displacement=GAINS)
-
-
-def tracks(
-    position: np.ndarray, hue: np.ndarray | None = None, log_size: np.ndarray | None = None
-) -> Tracks:
-    """Both layers at the same places (M, 2)."""
-    count = len(position)
-    size = np.full(count, np.nan) if log_size is None else log_size
-    return Tracks(
-        time=0.0,
-        position=np.stack([position, position]),
-        log_size=np.stack([size, size]),
-        hue=np.full(count, np.nan) if hue is None else hue,
-        visible=np.ones((2, count), dtype=bool),
-        ambiguous=np.zeros((2, count), dtype=bool),
-        last_seen=np.zeros((2, count)),
-        covariance=np.full((count, 6, 6), np.nan),
-    )
 
 
 def test_a_design_has_the_thesis_materials_and_a_file_what_was_written(tmp_path: Path) -> None:
@@ -107,16 +80,12 @@ def test_what_is_wrong_in_a_file_is_named(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     for old, new, words in (
         ("size_floor", "size_flaw", "unknown key size_flaw"),
-        ("tissue_poisson = 0.41", "tissue_poisson = 0.6", "tissue_poisson = 0.6"),
         ("yellow_depth_mm = 1.1", "yellow_depth_mm = 2.5", "must be less than the silicone's 2"),
         ("calibration 1", "calibration 9", "'chromagrip calibration 9'"),
-        ('sensor = "thesis"', 'sensor = "theses"', "no sensor design 'theses'"),
     ):
         path.write_text(TEXT.replace(old, new), encoding="utf-8")
         with pytest.raises(UserError, match=words):
             load_calibration(str(path))
-    with pytest.raises(UserError, match="No such file"):
-        load_calibration(str(tmp_path / "none.toml"))
     with pytest.raises(UserError, match=r"no calibration 'mine'.*thesis"):
         load_calibration("mine")
 
@@ -129,7 +98,8 @@ def shown(moved: np.ndarray, noise: float, rng: np.random.Generator) -> Tracks:
     hue = 13.5 + GAINS.hue_deg_per_mm * moved[:, 2] + GAINS.hue_deviation_deg * spread[2]
     size = GAINS.log_size_per_mm * moved[:, 2] + GAINS.log_size_deviation * spread[3]
     places = np.stack(np.meshgrid(np.arange(20), np.arange(20)), -1).reshape(-1, 2)[: len(moved)]
-    return tracks(10.0 * places + shift, hue, size)
+    position = np.stack([10.0 * places + shift] * 2)
+    return replace(made(0.0, position, np.stack([size, size]), np.ones(6)), hue=hue)
 
 
 def test_gains_come_back_from_presses_though_the_edge_does_not_move() -> None:
@@ -180,10 +150,6 @@ def test_hue_and_size_count_by_what_they_know() -> None:
     assert by_hue == pytest.approx((1e-3 * 0.3 / 16.5) ** 2)
     assert by_size == pytest.approx((1e-3 * 0.01 / 0.3) ** 2)
     assert both == pytest.approx(1.0 / (1.0 / by_hue + 1.0 / by_size))
-    neither, _ = skin_displacement(
-        GAINS, rest, replace(now, hue=now.hue * np.nan, log_size=now.log_size * np.nan)
-    )
-    assert np.isnan(neither).all()
 
 
 def test_presses_that_leave_a_gain_open_are_refused() -> None:
@@ -191,6 +157,6 @@ def test_presses_that_leave_a_gain_open_are_refused() -> None:
     still = shown(np.zeros((9, 3)), 0.0, rng)
     with pytest.raises(UserError, match="3 different depths, 1 of them with a shear"):
         fit_gains(still, [still] * 3, np.array([1e-4, 2e-4, 3e-4]), np.array([0.0, 0.0, 1e-4]))
-    blind = tracks(still.position[0])
+    blind = replace(still, hue=still.hue * np.nan, log_size=still.log_size * np.nan)
     with pytest.raises(UserError, match="neither hues nor sizes"):
         fit_gains(blind, [blind] * 3, np.array([1e-4, 2e-4, 3e-4]), np.array([0.0, 1e-4, 1e-4]))

@@ -23,9 +23,8 @@ from chromagrip.tracking import (
     check_reconstructor,
     load_calibration,
     load_reconstructor,
-    shipped_readout,
 )
-from chromagrip.tracking.forces import DOME_METHODS, required_readout
+from chromagrip.tracking.forces import DOME_METHODS
 from chromagrip.tracking.forces.reconstructors import (
     AUTOMATIC,
     DEFAULT_RECONSTRUCTOR,
@@ -143,14 +142,14 @@ def test_the_same_tracks_are_the_same_reading_and_a_copy_goes_its_own_way(name: 
     """After a reset too, and whatever object or body made them: nothing else is known."""
     _, frames, _ = course(name in DOME_METHODS)
     reader = made(name)
-    for tracks in frames[:6]:
+    for tracks in frames[:4]:
         reader.update(tracks)
     other = deepcopy(reader)
     other.update(frames[-1])
-    for tracks, before in zip(frames[6:9], readings(name)[6:9], strict=True):
+    for tracks, before in zip(frames[4:6], readings(name)[4:6], strict=True):
         assert same(reader.update(tracks), before)
     reader.reset()
-    for tracks, before in zip(frames[:3], readings(name)[:3], strict=True):
+    for tracks, before in zip(frames[:2], readings(name)[:2], strict=True):
         assert same(reader.update(tracks), before)
 
 
@@ -158,49 +157,36 @@ def test_the_same_tracks_are_the_same_reading_and_a_copy_goes_its_own_way(name: 
 def test_covered_markers_are_refused_by_number_and_the_next_frame_is_read(name: str) -> None:
     frames = course(name in DOME_METHODS)[1]
     reader = made(name)
-    for tracks in frames[:10]:
+    for tracks in frames[:5]:
         reader.update(tracks)
-    few = np.zeros_like(frames[10].visible)
+    few = np.zeros_like(frames[5].visible)
     few[:, :5] = True
     with pytest.raises(NoEstimateError, match=r"^5 marker pairs visible .* at least \d+ are"):
-        reader.update(replace(frames[10], visible=few))
-    field, before = reader.update(frames[11]), readings(name)[11]
+        reader.update(replace(frames[5], visible=few))
+    field, before = reader.update(frames[6]), readings(name)[6]
     assert field.total_normal == pytest.approx(before.total_normal, rel=0.1)
 
 
-# What `way` reads begins with `sequential`.
-@pytest.mark.parametrize("name", [name for name in METHODS if name != "sequential"])
-def test_a_reader_goes_on_after_a_black_picture_and_copies_go_their_own_way(name: str) -> None:
-    dome = name in DOME_METHODS
-    rest, pictures = shown(dome)
-    reader = Reader(known(dome), rest, noise=1.0, reconstructor=name)
-    assert reader.update(pictures[0], 0.0).ok
+@pytest.mark.parametrize("dome", [pytest.param(False, marks=pytest.mark.stages), True])
+def test_a_reader_goes_on_after_a_black_picture_and_copies_go_their_own_way(dome: bool) -> None:
+    """Pictures at rest and of three states, read by the reconstructor of each body."""
+    design, skin = (DESIGN, DomeMap(DESIGN, DOME)) if dome else (SENSOR, MembraneMap(SENSOR, 251))
+    painter, images, course = open_renderer("painter", design), [], states(dome)
+    for k, number in enumerate((0, 12, 16, -1)):
+        images.append(painter.render(skin((k > 0) * course[number][0])))
+        add_noise(images[-1], 1.0, 3, k)
+    reader = Reader(known(dome), images[:1], noise=1.0)
+    assert reader.update(images[1], 0.0).ok
     other, third = reader.copied(), reader.copied()
-    black = reader.update(np.zeros_like(rest[0]), 0.1)
+    black = reader.update(np.zeros_like(images[0]), 0.1)
     assert black.no_estimate
     assert math.isnan(black.margin)
-    assert reader.update(pictures[1], 0.2).ok
-    first, again = (one.update(pictures[2], 0.3).observation for one in (other, third))
+    assert reader.update(images[2], 0.2).ok
+    first, again = (one.update(images[3], 0.3).observation for one in (other, third))
     assert first is not None
     assert again is not None
     assert same(first.field, again.field)
-    truth = states(dome)[-1][1]
-    assert first.field.total_normal == pytest.approx(truth.total_normal, rel=0.12)
-
-
-@cache
-def shown(dome: bool) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Pictures at rest and of three states."""
-    design, skin = (DESIGN, DomeMap(DESIGN, DOME)) if dome else (SENSOR, MembraneMap(SENSOR, 251))
-    painter, images = open_renderer("painter", design), []
-    course = [state for state, _ in states(dome)]
-    for k, state in enumerate(
-        (0.0 * course[0], 0.0 * course[0], *(course[k] for k in (12, 16, -1)))
-    ):
-        image = painter.render(skin(state))
-        add_noise(image, 1.0, 3, k)
-        images.append(image)
-    return images[:2], images[2:]
+    assert first.field.total_normal == pytest.approx(course[-1][1].total_normal, rel=0.12)
 
 
 class Foreign:
@@ -243,14 +229,3 @@ def test_only_trained_reconstructors_refuse_a_sensor_without_a_read_out(
         check_reconstructor(name, fovea)
     with pytest.raises(UserError, match="sensor fovea has no trained read-out"):
         load_reconstructor(name)(fovea, course(False)[0])
-
-
-def test_three_lines_of_a_calibration_name_a_read_out(tmp_path: Path, no_kept: Path) -> None:
-    shipped = shipped_readout("thesis")
-    assert shipped is not None
-    (tmp_path / "mine.npz").write_bytes(shipped.read_bytes())
-    mine = tmp_path / "mine.toml"
-    mine.write_text("format = 'chromagrip calibration 1'\nsensor = 'fovea'\nreadout = 'mine.npz'\n")
-    found = load_calibration(str(mine))
-    assert required_readout(found) == tmp_path / "mine.npz"
-    assert replace(found, readout=None) == load_calibration("fovea")

@@ -5,7 +5,6 @@ from chromagrip.calibrate.variations import Variations, varied_shifts
 from chromagrip.model import ContactObject, Fingertip, equilibrium
 from chromagrip.render import load_sensor
 from chromagrip.tracking.forces.chain.fields import at_places, circle_places, fields_on_circles
-from chromagrip.tracking.forces.chain.residual import smooth_functions
 from chromagrip.tracking.forces.chain.sensitivity import MarkerResponse
 
 SENSOR = load_sensor("thesis")
@@ -43,17 +42,3 @@ def test_fields_give_the_shifts_at_any_place() -> None:
     found = by_fields(variations, places)
     assert np.sqrt(((found - expected)[:, [0, 1, 3, 4]] ** 2).mean()) < 0.02
     assert np.sqrt((expected[:, [0, 1, 3, 4]] ** 2).mean()) > 2.0
-
-
-def test_noise_is_rough_and_an_unknown_motion_smooth() -> None:
-    smooth = smooth_functions(SENSOR.places)
-    used = np.ones(len(SENSOR.places), dtype=bool)
-    rng = np.random.default_rng(4)
-    noise = rng.standard_normal((len(used), 6))
-    quiet = smooth.statistics(noise, used)
-    # Mean squares of unit noise are 1 in either part, whatever the number of functions.
-    assert quiet == pytest.approx(0.0, abs=0.5)
-    wave = np.cos(SENSOR.places[:, 1]) * np.exp(-((SENSOR.places[:, 0] / 0.6) ** 2))
-    moved = smooth.statistics(noise + 3.0 * wave[:, None], used)
-    assert (moved[:6] > quiet[:6] + 0.7).all()
-    assert moved[6:] == pytest.approx(quiet[6:], abs=0.15)

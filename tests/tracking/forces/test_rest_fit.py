@@ -18,7 +18,9 @@ from chromagrip.render.membrane import rest_membrane
 from chromagrip.tracking import MarkerTracker, Palette, Tracks
 from chromagrip.tracking.forces.pose import CameraPose, seen_by, turn_matrix
 from chromagrip.tracking.forces.rest_fit import rest_pose
-from chromagrip.tracking.forces.rest_settings import PoseSettings, SearchSettings
+from chromagrip.tracking.forces.rest_settings import PoseSettings
+
+from .drawn import made
 
 SENSOR = load_sensor("thesis")
 SPECIMEN = Defects(misplacement_mm=0.02, misalignment_mm=0.15)
@@ -78,17 +80,8 @@ def projected(
 
 
 def with_position(position: np.ndarray) -> Tracks:
-    markers = position.shape[:2]
-    return Tracks(
-        time=0.0,
-        position=position,
-        log_size=np.zeros(markers),
-        hue=np.zeros(markers[1]),
-        visible=np.isfinite(position).all(axis=-1),
-        ambiguous=np.zeros(markers, dtype=bool),
-        last_seen=np.zeros(markers),
-        covariance=np.tile(1e-4 * np.eye(6), (markers[1], 1, 1)),
-    )
+    tracks = made(0.0, position, np.zeros(position.shape[:2]), np.full(6, 0.01))
+    return replace(tracks, visible=np.isfinite(position).all(axis=-1))
 
 
 def check(found: CameraPose, wanted: CameraPose, degrees: float = 0.1, pixels: float = 0.3) -> None:
@@ -108,10 +101,7 @@ def test_a_camera_is_turned_by_the_tilt_and_then_by_the_roll(tilt: tuple[float, 
 @pytest.mark.stages
 @pytest.mark.parametrize(
     ("roll_deg", "scale", "shift"),
-    [
-        (-3.0, 1.0, (4.0, -2.5)),
-        (60.0, 0.9, (-20.0, 15.0)),
-    ],
+    [(-3.0, 1.0, (4.0, -2.5)), (60.0, 0.9, (-20.0, 15.0))],
 )
 def test_a_warped_picture_tells_how_it_was_warped(
     roll_deg: float, scale: float, shift: tuple[float, float]
@@ -132,28 +122,17 @@ def test_a_camera_as_designed_stays() -> None:
     assert found.roll_deviation < 0.01 * DEGREE
 
 
-def test_a_pose_is_told_in_words_and_numbers() -> None:
-    pose = CameraPose(
-        roll=-1.2 * DEGREE, tilt=(0.3 * DEGREE, -0.4 * DEGREE), shift=(1.26, -7.0), scale=0.98
-    )
-    assert str(pose) == (
-        "rolled by -1.20°, shifted by (1.3, -7.0) px, scaled by 0.980, tilted by 0.50°"
-    )
-    assert "symmetry of the layout" in str(replace(pose, ambiguous=True))
-    table = pose.table()
-    assert table["tilt_deg"] == pytest.approx([0.3, -0.4])
-    assert table["notable"]
+def test_a_pose_is_told_in_degrees() -> None:
+    pose = CameraPose(roll=-1.2 * DEGREE, tilt=(0.3 * DEGREE, -0.4 * DEGREE), scale=0.98)
+    assert "rolled by -1.20°" in str(pose)
+    assert "tilted by 0.50°" in str(pose)
+    assert pose.table()["tilt_deg"] == pytest.approx([0.3, -0.4])
+    assert pose.notable
     assert not CameraPose(roll=0.2 * DEGREE, shift=(1.0, 2.0), scale=1.005).notable
 
 
-@pytest.mark.parametrize(
-    "pose",
-    [
-        CameraPose(tilt=(0.02, -0.05)),
-        CameraPose(roll=1.0, tilt=(-0.1, 0.12), shift=(20.0, -10.0), scale=1.05),
-    ],
-)
-def test_a_tilt_is_told_from_a_shift(pose: CameraPose) -> None:
+def test_a_tilt_is_told_from_a_shift() -> None:
+    pose = CameraPose(roll=1.0, tilt=(-0.1, 0.12), shift=(20.0, -10.0), scale=1.05)
     check(rest_pose(SENSOR, projected(SENSOR, pose)), pose)
 
 
@@ -161,7 +140,7 @@ def test_the_deviations_are_those_of_the_errors() -> None:
     """Over specimens the error over its standard deviation is of order 1."""
     pose = CameraPose(roll=0.02, tilt=(0.01, 0.02), shift=(1.0, 2.0), scale=0.99)
     scores = []
-    for seed in range(8):
+    for seed in range(6):
         found = rest_pose(SENSOR, projected(SENSOR, pose, seed=seed))
         scores.append(
             [
@@ -176,12 +155,9 @@ def test_the_deviations_are_those_of_the_errors() -> None:
     assert (spread < 1.8).all()
 
 
-@pytest.mark.parametrize(
-    ("defects", "roll"), [(Defects(missing_markers=0.3), 2.0), (Defects(worn_markers=0.4), 0.0)]
-)
-def test_markers_that_are_missing_do_not_hide_the_pose(defects: Defects, roll: float) -> None:
-    pose = CameraPose(roll=roll, shift=(3.0, -2.0))
-    check(rest_pose(SENSOR, projected(SENSOR, pose, defects)), pose)
+def test_markers_that_are_missing_do_not_hide_the_pose() -> None:
+    pose = CameraPose(roll=2.0, shift=(3.0, -2.0))
+    check(rest_pose(SENSOR, projected(SENSOR, pose, Defects(missing_markers=0.3))), pose)
 
 
 @pytest.mark.parametrize("name", ["dome-2022", "chromatouch-next", "fovea", "flat-2019"])
@@ -193,7 +169,8 @@ def test_every_design_tells_a_small_pose(name: str) -> None:
     check(found, pose, degrees=0.2, pixels=0.7)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.stages)])
+@pytest.mark.stages
+@pytest.mark.parametrize("seed", [0, 1])
 def test_the_built_dome_tells_a_pose_by_its_outer_layer(seed: int) -> None:
     """Crooked markers a tenth of a pitch off, and an inner layer of which each gore lies elsewhere.
 
@@ -243,15 +220,5 @@ def test_what_cannot_be_told_is_refused() -> None:
     position[1, 12:] = np.nan
     with pytest.raises(UserError, match=r"shows 12 markers of a layer.*at least 20"):
         rest_pose(SENSOR, with_position(position))
-
-
-@pytest.mark.stages
-def test_bounds_of_the_pose_and_of_the_match_are_settings() -> None:
-    rest = projected(SENSOR, CameraPose(shift=(80.0, 0.0)))
-    wide = PoseSettings(search=SearchSettings(shift=0.2))
-    assert rest_pose(SENSOR, rest, wide).shift == pytest.approx((80.0, 0.0), abs=0.5)
-    rest = projected(SENSOR, CameraPose())
-    assert rest_pose(SENSOR, rest).error < 2.0
-    # The last pose is not taken for that of other settings.
     with pytest.raises(UserError, match=r"at least 97 % and at most 0\.\d px"):
         rest_pose(SENSOR, rest, PoseSettings(apart=0.01))

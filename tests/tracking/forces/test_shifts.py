@@ -10,6 +10,8 @@ from chromagrip.tracking import Tracks, nominal_calibration
 from chromagrip.tracking.forces.pose import CameraPose, aligned, alignment, seen_by, seen_by_design
 from chromagrip.tracking.forces.shifts import MarkerShifts
 
+from .drawn import made
+
 SENSOR = load_sensor("thesis")
 CAMERA = SENSOR.view.camera
 POSE = CameraPose(roll=0.2, tilt=(0.03, -0.05), shift=(12.0, -7.0), scale=1.07)
@@ -18,17 +20,7 @@ COUNT = len(SENSOR.places)
 
 
 def tracks(position: np.ndarray, log_size: np.ndarray, covariance: np.ndarray) -> Tracks:
-    markers = position.shape[:2]
-    return Tracks(
-        time=0.0,
-        position=position,
-        log_size=log_size,
-        hue=np.zeros(markers[1]),
-        visible=np.isfinite(position).all(axis=-1),
-        ambiguous=np.zeros(markers, dtype=bool),
-        last_seen=np.zeros(markers),
-        covariance=covariance,
-    )
+    return replace(made(0.0, position, log_size, np.ones(6)), covariance=covariance)
 
 
 def covariances(seed: int) -> np.ndarray:
@@ -93,17 +85,6 @@ def test_a_pixel_goes_to_a_posed_camera_and_back_by_hand() -> None:
     np.testing.assert_allclose(seen_by_design(POSE, CAMERA, tilted), pixels, atol=1e-9)
 
 
-def test_markers_that_are_not_visible_stay_unknown() -> None:
-    seen = of_design(0.0)
-    position = seen_by(POSE, CAMERA, seen.position)
-    position[0, 7] = np.nan
-    back = aligned(
-        alignment(POSE, CAMERA, position), replace(seen, position=position, visible=seen.visible)
-    )
-    assert np.isnan(back.position[0, 7]).all()
-    assert np.isfinite(np.delete(back.position[0], 7, axis=0)).all()
-
-
 def test_shifts_are_in_the_pixels_of_the_designs_camera() -> None:
     """A camera that is rolled, tilted, shifted and zoomed shows a press as the design's does."""
     rest, pressed = of_design(0.0), of_design(0.3e-3)
@@ -128,7 +109,7 @@ def test_shifts_are_in_the_pixels_of_the_designs_camera() -> None:
 
 def test_covariances_are_carried_to_the_designs_pixels() -> None:
     rest = of_design(0.0)
-    shifts = MarkerShifts(nominal_calibration(SENSOR), of_posed(rest, POSE), 1.0)
+    shifts = MarkerShifts(nominal_calibration(SENSOR), of_posed(rest, POSE), 1.0, POSE)
     wanted = rest.covariance[shifts.pairs]
     scale = abs(wanted).max(axis=(1, 2), keepdims=True)
     frame = replace(rest, covariance=2.0 * rest.covariance)

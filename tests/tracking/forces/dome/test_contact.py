@@ -17,10 +17,9 @@ from chromagrip.model import (
     simulate_contact,
 )
 from chromagrip.model.dome import resting
-from chromagrip.model.shapes import Shape, ball, box, cylinder, plane
+from chromagrip.model.shapes import Shape, ball, box, plane
 from chromagrip.tracking import ContactSettings, NoEstimateError, Tracks
 from chromagrip.tracking.forces.dome.contact import ContactReading
-from chromagrip.tracking.forces.dome.keys import Backoff
 
 from ..drawn import DESIGN, DOME, DOME_KNOWN, GRIP, Drawn, grasped
 
@@ -37,18 +36,10 @@ def read(states: tuple[DomeState, ...], seed: int = 0) -> ContactReading:
     return reading
 
 
-@pytest.mark.parametrize(
-    ("shape", "azimuth", "stiffness", "friction"),
-    [
-        (ball(12e-3), 2.5, 2e9, 0.4),
-        pytest.param(cylinder(14e-3), 4.0, 1e9, 0.5, marks=pytest.mark.stages),
-    ],
-    ids=["ball", "rod"],
-)
-def test_force_direction_friction_and_margin_are_read(
-    shape: Shape, azimuth: float, stiffness: float, friction: float
-) -> None:
-    states = grasped(Solid(shape=shape, stiffness=stiffness, friction=friction), azimuth, 0.2)
+def test_force_direction_friction_and_margin_are_read_of_a_ball() -> None:
+    azimuth, friction = 2.5, 0.4
+    solid = Solid(shape=ball(12e-3), stiffness=2e9, friction=friction)
+    states = grasped(solid, azimuth, 0.2, frames=16)
     field = read(states).field  # type: ignore[attr-defined]
     truth = dome_forces(DOME, states[-1])
     assert field.total_normal == pytest.approx(truth.total_normal, rel=0.06)
@@ -59,7 +50,6 @@ def test_force_direction_friction_and_margin_are_read(
     assert reading is not None
     assert reading.observable
     assert reading.value == pytest.approx(friction, rel=0.25)
-    # A constant margin of 0.5 would be off by 0.3, and its interval would not hold the truth.
     off = field.safety_margin(reading.value) - truth.safety_margin(friction)
     assert abs(off) < min(0.15, 2.5 * reading.margin_deviation)
     assert reading.margin_deviation < 0.15
@@ -93,18 +83,7 @@ def test_torque_and_force_are_read_with_their_intervals(
     assert reading.observable
 
 
-def test_a_pure_press_shows_force_and_no_friction() -> None:
-    states = grasped(Solid(shape=plane()), 0.0, 1.0)
-    field = read(states).field  # type: ignore[attr-defined]
-    truth = dome_forces(DOME, states[-1])
-    assert field.total_normal == pytest.approx(truth.total_normal, rel=0.06)
-    assert field.total_friction < 0.05
-    reading = field.friction_reading
-    assert reading is not None
-    assert not reading.observable
-
-
-@pytest.mark.parametrize("noise_px", [0.05, 0.3, 3.0])
+@pytest.mark.parametrize("noise_px", [0.05, 3.0])
 def test_a_press_that_noise_hides_is_inside_the_interval_of_nothing(noise_px: float) -> None:
     """Whatever the noise is, either a press of 3 N is read, or "nothing" holds it."""
     states = grasped(Solid(shape=plane()), 0.0, 1.0)
@@ -120,6 +99,8 @@ def test_a_press_that_noise_hides_is_inside_the_interval_of_nothing(noise_px: fl
     deviation = math.sqrt(field.totals_covariance[0, 0])
     assert abs(field.total_normal - GRIP) < 2.5 * deviation
     assert field.contact.any() == (noise_px < 0.1)
+    assert field.total_friction < 0.05
+    assert field.friction_reading is None or not field.friction_reading.observable
     assert np.isfinite(field.wrench_covariance).all()
 
 
@@ -149,7 +130,10 @@ def test_two_contacts_are_refused() -> None:
 
 @pytest.mark.parametrize(
     "pose",
-    [(0.0, 0.0, 0.0, 0.0, math.pi / 4, 0.0), (9e-3, 6e-3, 0.0, 0.0, 0.0, 0.4)],
+    [
+        (0.0, 0.0, 0.0, 0.0, math.pi / 4, 0.0),
+        pytest.param((9e-3, 6e-3, 0.0, 0.0, 0.0, 0.4), marks=pytest.mark.stages),
+    ],
     ids=["edge", "beside"],
 )
 def test_an_edge_is_refused(pose: tuple[float, ...]) -> None:
@@ -204,19 +188,8 @@ def test_a_refused_contact_is_searched_again_less_and_less_often(
         with pytest.raises(NoEstimateError):
             reading.update(drawn(share * linear))
     assert searched == [33]
+    frame = 35
     reading.update(rest)
-    for frame in range(4):
-        with pytest.raises(NoEstimateError):
-            reading.update(drawn((0.75 + 0.25 * (0.41 * frame % 1.0)) * linear))
-    assert searched == [33, 0, 1, 3]
-
-
-def test_the_interval_of_what_fails_doubles_up_to_a_limit() -> None:
-    backoff, waited, intervals = Backoff.from_first(1, 4, 2), 0, []
-    for _ in range(20):
-        backoff, waited = backoff.next_chance(), waited + 1
-        if backoff.due:
-            intervals.append(waited)
-            backoff, waited = backoff.tried(better=False), 0
-    assert intervals == [1, 1, 2, 2, 4, 4, 4]
-    assert backoff.tried(better=True).next_chance().due
+    with pytest.raises(NoEstimateError):
+        reading.update(drawn(linear))
+    assert searched == [33, 35]
