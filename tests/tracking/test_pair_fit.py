@@ -131,9 +131,9 @@ def test_sizes_are_right_wherever_the_other_layer_lies(monkeypatch: pytest.Monke
     pixels, angle = rng.uniform(0.0, 5.0, count), rng.uniform(0.0, 2.0 * np.pi, count)
     way = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
     error, _, _ = size_errors(monkeypatch, moved(5.3e-5 * pixels[:, None] * way, layer=0))
-    for low in range(5):
-        of = (low <= pixels) & (pixels < low + 1)
-        assert of.sum() > 15
+    for low in (0.0, 1.7, 3.4):
+        of = (low <= pixels) & (pixels < low + 1.7)
+        assert of.sum() > 20
         assert abs(np.median(error[:, of], axis=1)).max() < 1e-3
 
 
@@ -160,7 +160,7 @@ def test_sizes_are_right_where_pairs_touch(
     error, stated, after = size_errors(monkeypatch, moved(move))
     now = polygon_centroids(after)[1]
     gap = KDTree(now).query(now, k=2)[0][:, 1] - 2.0 * np.sqrt(polygon_areas(after)[1] / np.pi)
-    touching = gap < 1.5
+    touching = (gap < 1.5) & (PLACES[:, 0] < 0.55)  # not the outermost, which lack neighbours
     assert touching.sum() > 30
     error, stated = error[:, touching], stated[:, touching]
     if apart_by > 2.0:
