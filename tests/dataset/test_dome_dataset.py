@@ -134,6 +134,7 @@ def test_the_card_counts_what_is_covered(pressed: Path) -> None:
     assert reading_lines("", []) == []
 
 
+@pytest.mark.data
 def test_truth_stands_next_to_the_estimates(
     pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -215,6 +215,7 @@ def test_what_is_spoilt_is_not_exported(halves: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.data
 def test_forces_and_readings_of_a_dome_are_exported(pressed: Path, tmp_path: Path) -> None:
     sequences = list(load_sequences(pressed))
     for layout in ("webdataset", "lerobot"):

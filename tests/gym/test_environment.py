@@ -91,6 +91,7 @@ def test_the_image_arrives_with_the_latency_and_is_the_cameras() -> None:
             rig.step(2.0)
 
 
+@pytest.mark.loops
 def test_markers_move_where_the_skin_moves() -> None:
     env = made(observation="markers")
     still, _ = env.reset(seed=0)

@@ -186,6 +186,7 @@ def test_what_cannot_change_is_refused() -> None:
         rig.change(msgspec.structs.replace(scene, load=turned))
 
 
+@pytest.mark.loops
 def test_a_recording_is_a_run_with_its_sliders_as_steps(tmp_path: Path, until: Until) -> None:
     with live(load_scene("dome-1", DOME), tmp_path / "kept") as (session, watched):
         session.ask(replace(session.sliders, automatic=False, grip=3.0, load=0.2, twist=0.0))

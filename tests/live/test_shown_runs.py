@@ -49,6 +49,7 @@ def played(page: RunPage, until: Until) -> str:
     return str(page.board._status.content)
 
 
+@pytest.mark.loops
 def test_a_run_is_repeated_and_agrees(viser_server: Any, dome_run: Path, until: Until) -> None:
     with shown(viser_server, dome_run) as page:
         assert "repeated from scene and seed; it agrees with the record" in played(page, until)
@@ -184,6 +185,7 @@ def test_a_video_pauses_steps_and_is_shown_again(taken: Path, tmp_path: Path, un
     assert watched.shown[7].reading.frame.time == 0.0
 
 
+@pytest.mark.loops
 def test_the_page_shows_estimates_and_no_truth(
     taken: Path, viser_server: Any, until: Until, tmp_path: Path
 ) -> None:

@@ -96,6 +96,7 @@ def test_printed_gains_slip_at_camera_rate(scene: str, friction: float) -> None:
         assert np.abs(result.trace["margin_true"][late] - 0.30).max() < 0.03
 
 
+@pytest.mark.loops
 def test_the_camera_path_holds_the_object() -> None:
     """The estimate is an estimate: near the truth, and not the truth."""
     changes = {"duration_s": 0.3, "load.times_s": [0.02, 0.1], "camera.rest_frames": 2}

@@ -296,6 +296,7 @@ def test_a_bent_displacement_is_no_constant_rate_and_overshoot_is_below_the_marg
 # The page and its folder.
 
 
+@pytest.mark.studies
 def test_the_page_holds_all_that_it_shows_and_says_where_a_number_differs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

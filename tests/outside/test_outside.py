@@ -98,6 +98,7 @@ def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return frames
 
 
+@pytest.mark.loops
 def test_a_folder_is_a_source(frames: Path) -> None:
     gripper = Kept()
     result = run_outside(SCENE, str(frames), gripper=gripper, fps=100.0)

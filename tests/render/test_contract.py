@@ -214,6 +214,7 @@ def test_pictures_are_those_of_brute_force(choice: str, name: str) -> None:
     assert abs(off.mean()) < 0.1
 
 
+@pytest.mark.stages
 def test_a_slow_renderer_draws_a_picture_like_brute_force() -> None:
     usable("pyrender")
     test_pictures_are_those_of_brute_force("pyrender", "discs")

@@ -77,6 +77,7 @@ def test_motions_over_an_uneven_skin_are_more_exact_not_drawn_to_rest_and_known(
     assert 0.5 < np.median(np.abs(errors[far]).max(axis=1) / stated[far]) < 3.0
 
 
+@pytest.mark.stages
 def test_light_above_white_is_white() -> None:
     errors, moved, stated = motions(0, EVEN, glow=0.2)
     far = (np.linalg.norm(moved, axis=1) > 1.0) & np.isfinite(stated)
