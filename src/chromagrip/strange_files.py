@@ -2,6 +2,7 @@
 
 import math
 import os
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator
@@ -76,6 +77,12 @@ def refuse_links(folder: Path, follow_links: bool = False) -> None:
                     raise UserError(f"{path} is no file; remove it")
 
 
+def need_file(path: Path, what: str) -> None:
+    """Refuse a pipe or a device, which may never end; `what` names the file."""
+    if path.is_fifo() or path.is_char_device():
+        raise UserError(f"{what} is no file")
+
+
 def read_small(path: Path, most: int = _MOST_BYTES) -> bytes:
     """Read a whole file into memory.
 
@@ -147,7 +154,10 @@ def read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]
     read = np.lib.format.read_array_header_2_0
     if np.lib.format.read_magic(stream) == (1, 0):
         read = np.lib.format.read_array_header_1_0
-    return read(stream)
+    try:
+        return read(stream)
+    except (tokenize.TokenError, RecursionError, MemoryError):
+        raise ValueError("its header is damaged") from None
 
 
 def _header(file: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:

@@ -14,6 +14,7 @@ from ..output.processes import one_thread
 from ..pictures.noise_level import noise_level
 from ..render import Frame, SensorDesign
 from ..sources.picture_files import is_picture, read_picture
+from ..strange_files import need_file
 from ..tracking import Palette, Tracks, load_tracker
 from ..tracking.forces import rest_pose
 
@@ -128,8 +129,7 @@ def read_list(path: Path) -> tuple[list[Press], bool]:
     UserError
         With the line and what is wrong with it.
     """
-    if path.is_fifo() or path.is_char_device():  # it may never end
-        raise UserError(f"list of presses {path} is no file")
+    need_file(path, f"list of presses {path}")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file, strict=True)

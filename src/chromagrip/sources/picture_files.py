@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..render import Frame
 from ..stored_pictures import MEGAPIXELS, Image, decoded, page_count, pages, unread_kind
+from ..strange_files import need_file
 from .frame_list import FRAME_LIST, times_of
 from .source import SUFFIXES, Source, ValueRange, rated
 
@@ -245,8 +246,7 @@ def read_picture(
 
 def _content(path: Path) -> bytes:
     """Content of the file of a picture."""
-    if path.is_fifo() or path.is_char_device():  # it may never end
-        raise UserError(f"picture {path} is no file")
+    need_file(path, f"picture {path}")
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...errors import UserError
 from ...render.optics import Board
 from ...stored_pictures import MEGAPIXELS, decoded
+from ...strange_files import need_file
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -58,8 +59,7 @@ def read_image(path: Path, max_megapixels: float = MEGAPIXELS) -> Picture:
 
     A larger one than `max_megapixels` is not decoded.
     """
-    if path.is_fifo() or path.is_char_device():  # it may never end
-        raise UserError(f"image {path} is no file")
+    need_file(path, f"image {path}")
     try:
         data = path.read_bytes()
     except OSError as error:

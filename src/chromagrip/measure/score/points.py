@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError, located
-from ...strange_files import array_names, read_arrays, shortened
+from ...strange_files import array_names, need_file, read_arrays, shortened
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -99,8 +99,7 @@ def read_points(path: Path, kind: str = "tracks", most: int = MOST_ROWS) -> Poin
     with located(f"{kind} {path}"):
         if path.suffix not in SUFFIXES:
             raise UserError(f"expected a file that ends in {', '.join(SUFFIXES)}")
-        if path.is_fifo() or path.is_char_device():  # it may never end
-            raise UserError("it is no file")
+        need_file(path, "it")
         if path.suffix == ".npz":
             try:
                 return _from_arrays(path, most)
