@@ -30,7 +30,6 @@ from chromagrip.model.kernels.friction import dahl_step
 from chromagrip.model.shapes import Shape, ball, cylinder, plane, torus
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"
-LINEAR = Dome(stiffening=False, reach=math.radians(45.0))
 COARSE = Dome(pitch=0.7e-3, reach=math.radians(45.0))
 #: Nearly a half space under its small contact.
 THICK = Dome(
