@@ -57,8 +57,8 @@ class DomeMap:
         """Membrane for the displacements (2, M, 3) [m] and derivatives (2, M, 3, 2) of `field`."""
         centres, axes = np.empty(self._rest.shape), np.empty(self._tangents.shape)
         carry_in_silicone(
-            moved.reshape(-1, 3),
-            slope.reshape(-1, 3, 2),
+            np.ascontiguousarray(moved.reshape(-1, 3)),
+            np.ascontiguousarray(slope.reshape(-1, 3, 2)),
             self._rest.reshape(-1, 3),
             self._tangents.reshape(-1, 3, 2),
             self._upright.reshape(-1, 2, 2),

@@ -64,7 +64,7 @@ class MembraneMap:
             *node_before(sides, stations),
             slope_weights(stations),
             np.stack([np.cos(own[..., 1]), np.sin(own[..., 1])], axis=-1),
-            skin.ring(own[..., 0]),
+            np.array(skin.ring(own[..., 0])),
             np.stack(skin.tangents(own), axis=-1),
             self._rest,
             sensor.follow,

@@ -241,6 +241,7 @@ def test_changes_compile_what_reaches_them(package: Package, group: str) -> None
     assert package.run(replaced) == (RESULTS | changed, sorted(changed))
 
 
+@pytest.mark.environments
 def test_what_is_no_code_compiles_nothing(package: Package) -> None:
     nothing = {
         "\nSHARE": "\n\n# A share.\nSHARE",

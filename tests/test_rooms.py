@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 import chromagrip
 
 ROOT = Path(__file__).parents[1]
@@ -188,6 +190,7 @@ def test_estimators_are_never_given_the_truth() -> None:
                 assert {alias.name for alias in node.names} <= allowed | more, module
 
 
+@pytest.mark.environments
 def test_nothing_heavy_is_imported_before_it_is_used() -> None:
     """By one process that imports one after another: what one brings, the next ones have too."""
     heavy = {

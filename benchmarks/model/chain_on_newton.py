@@ -160,10 +160,12 @@ def _solved(
     )
     turn = np.eye(3)
     free = np.array([True, False, True, False, False, False])
+    stiff = touch_kernels.Stiffening(0.0, 1.0, 1.0)
     error, *_ = newton_kernels.solve_contact(
         near, thing, touch_kernels.Pose(turn, before.place, turn, guess.place.copy()),
-        touch_kernels.Stiffening(0.0, 1.0, 1.0), 1.0, free, np.diag(_HOLD * free), wrench,
+        stiff, 1.0, free, np.diag(_HOLD * free), wrench,
         TOLERANCE, ROUNDS, False, system, out,
+        newton_kernels.nobody(stiff),
     )  # fmt: skip
     place = guess.place + out.motion[:3]
     return Grasped(out.displacement, out.true, out.tangential, out.normal, place), float(error)

@@ -106,10 +106,11 @@ def make_table(dome: Dome, progress: Callable[[int, int], None] = nothing) -> Ta
     harmonics = int(np.ceil(_HARMONICS * np.sin(rings[-1]) / width))
     meridian = mesh(core, poisson, width, rings[-1])
     low, high = np.triu_indices(len(rings))
+    load = loads(meridian, rings, width)
     energies = np.empty((harmonics + 1, len(low), 3, 3))
     for m in range(harmonics + 1):
         progress(m, harmonics + 1)
-        half = half_solved(meridian, m, loads(meridian, rings, width, m))
+        half = half_solved(meridian, m, load(m))
         whole = (half.T @ half).reshape(len(rings), 3, len(rings), 3)
         energies[m] = whole[low, :, high, :]
     progress(harmonics + 1, harmonics + 1)

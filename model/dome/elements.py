@@ -6,7 +6,9 @@ modulus is 1, so that results depend only on shape and Poisson's ratio.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy
@@ -177,8 +179,8 @@ def _band(matrices: Array, unknowns: NDArray[np.int64], size: int) -> Array:
     return np.asarray(band, np.float64).reshape(width, size)
 
 
-def loads(meridian: Meridian, rings: Array, width: float, harmonic: int) -> Array:
-    """Load vectors of unit forces along x, y and z at φ = 0 on each ring, for one harmonic.
+def loads(meridian: Meridian, rings: Array, width: float) -> Callable[[int], Array]:
+    """Load vectors of unit forces along x, y and z at φ = 0 on each ring, for each harmonic.
 
     A force is spread as exp(κ·cos α), with the angle α from its place and κ = 1/width²: a smooth
     bump that is regular at the apex, and whose harmonics are Bessel functions.
@@ -187,11 +189,11 @@ def loads(meridian: Meridian, rings: Array, width: float, harmonic: int) -> Arra
     ----------
     rings: angles of the K rings from the apex [rad], shape (K,)
     width: standard deviation of the bump [rad]
-    harmonic: number m of the harmonic
 
     Returns
     -------
-    Shape (n, K, 3). The force along y is that of the mirrored problem, with −V for V.
+    Function of the number m of a harmonic, with values of shape (n, K, 3). The force along y is
+    that of the mirrored problem, with −V for V.
     """
     sharpness = 1.0 / width**2
     points, weights = np.polynomial.legendre.leggauss(4)
@@ -202,10 +204,17 @@ def loads(meridian: Meridian, rings: Array, width: float, harmonic: int) -> Arra
     height = np.exp(sharpness * (np.cos(angles[..., None] - rings) - 1.0))
     height *= sharpness / (2.0 * np.pi * -np.expm1(-2.0 * sharpness)) * share[..., None]
 
+    @lru_cache(maxsize=3)  # a harmonic and its neighbours, of which the next one needs two
     def part(m: int) -> Array:
-        return height * scipy.special.ive(abs(m), spread)
+        return np.asarray(height * scipy.special.ive(m, spread))
 
-    m = harmonic
+    return partial(_loads_of, meridian, rings, part, [_quadratic(point)[0] for point in points])
+
+
+def _loads_of(
+    meridian: Meridian, rings: Array, part: Callable[[int], Array], shapes: list[Array], m: int
+) -> Array:
+    """Loads of a harmonic m, of which `part` has the shares of each point of an element."""
     if m == 0:
         columns = {(0, 0): part(1), (2, 2): part(0), (1, 1): -part(1)}
     else:
@@ -215,11 +224,11 @@ def loads(meridian: Meridian, rings: Array, width: float, harmonic: int) -> Arra
             (1, 1): -below - above, (2, 2): 2.0 * part(m),
         }  # fmt: skip
     factor = np.pi * (2.0 if m == 0 else 1.0)
-    skin, elements = meridian.skin, len(half)
+    skin, elements = meridian.skin, len(meridian.edges) - 1
     work = np.zeros((len(meridian.held), len(rings), 3))
     for (force, component), values in columns.items():
-        for k, point in enumerate(points):
-            for a, shape in enumerate(_quadratic(point)[0]):
+        for k, each in enumerate(shapes):
+            for a, shape in enumerate(each):
                 # Elements share the nodes at their borders, but no two of one `a` do.
                 work[3 * skin[a : a + 2 * elements : 2] + component, :, force] += (
                     factor * shape * values[:, k]

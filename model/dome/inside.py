@@ -86,6 +86,7 @@ def make_waves(
     """Compute an `inside_table` without the cache, with lengths over the radius."""
     meridian = mesh(core, poisson, width, rings[-1])
     above = _between_levels(meridian, 1.0 - depth)
+    load = loads(meridian, rings, width)
     faded = 5.0  # harmonics of which less than exp(−faded) arrives at a depth are left out
     # A harmonic m is spread as exp(−m²·width²/2), and fades as exp(−m·depth) below the skin.
     most = (math.sqrt(depth**2 + 2.0 * faded * width**2) - depth) / width**2
@@ -102,7 +103,7 @@ def make_waves(
     nothing_share = 1e-4
     for m in range(harmonics):
         progress(m, harmonics)
-        work = loads(meridian, rings, width, m)
+        work = load(m)
         sizes = abs(work).max(axis=(0, 2))
         largest = np.maximum(largest, sizes)
         some = np.flatnonzero(sizes > nothing_share * largest)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..errors import ConvergenceError
 from ..kernels.dome.compliance_kernels import displace
-from ..kernels.dome.newton_kernels import solve_contact
+from ..kernels.dome.newton_kernels import nobody, solve_contact
 from ..kernels.dome.node_kernels import Outcome
 from ..kernels.dome.touch_kernels import Pose
 from ..kernels.dome.turn_kernels import turned
@@ -168,7 +168,7 @@ class Stepper(Skin):
         """Solve one step and take it over, whatever its error; `lag` is viscosity over step."""
         step = until - self.time
         self._held = None
-        free = np.asarray(self.motion.moves_free, np.bool_)
+        free = np.array(self.motion.moves_free, np.bool_)
         moves = bool(free.any())
         rotation, place = self._guess(until)
         inertia, wanted = self._inertia(rotation, until, step, load)
@@ -182,9 +182,11 @@ class Stepper(Skin):
                 np.zeros(shape), np.zeros(6),
             )  # fmt: skip
             pose = Pose(self.rotation, self.place, rotation, place)
+            stiff = self.stiffening()
             error, rounds, products, touching = solve_contact(
-                contact, self.thing, pose, self.stiffening(), share, free, inertia, wanted,
+                contact, self.thing, pose, stiff, share, free, inertia, wanted,
                 STEP.tolerance, STEP.rounds, False, self.block.system, outcome,
+                nobody(stiff),
             )  # fmt: skip
             moved = outcome.motion
             new_place, new_rotation = place + moved[:3], turned(rotation, moved[3:])

@@ -349,7 +349,8 @@ def advance(
     w.border[:] = 0.0
     w.mu[:] = ct.mu
     _, _, low, high, _ = _scan(ch, ct, w, u, pose[1], 0, 0)
-    w.gap[:] = w.gap_after
+    for i in range(w.gap.size):
+        w.gap[i] = w.gap_after[i]
     window = (max(low - 1, 1), min(high + 1, ch.rest.shape[0] - 2))
     for k in range(done, drive.shape[0]):
         goal_rigid = drive[k, 0] - pose[0] if held[0] else drive[k, 0]

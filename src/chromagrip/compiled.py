@@ -52,12 +52,23 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         if folder not in _homes:
             _homes[folder] = next(filter(_make, _places(folder)), None)
         kernel = numba.njit(error_model="numpy", nogil=True, **options)(function)
+        kernel.get_call_template = _any_values(kernel.get_call_template)
         home = _homes[folder]
         if home is not None and not numba.config.DISABLE_JIT:
             kernel._cache = _Cache(kernel, home)
         return kernel
 
     return decorate
+
+
+def _any_values(get_template: Callable[..., Any]) -> Callable[..., Any]:
+    """A kernel that is called with a constant by another one is that for any value of its type."""
+
+    def get(arguments: Any, keywords: dict[str, Any]) -> Any:
+        loose = {name: numba.types.unliteral(each) for name, each in keywords.items()}
+        return get_template(tuple(map(numba.types.unliteral, arguments)), loose)
+
+    return get
 
 
 class _Cache:

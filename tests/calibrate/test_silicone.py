@@ -137,6 +137,7 @@ def test_a_press_holds_the_force_of_a_simulated_contact(
     assert along > 0.1
 
 
+@pytest.mark.stages
 def test_exact_presses_tell_the_silicone(untouched: tuple[Camera, Tracker, Tracks]) -> None:
     *_, rest = untouched
     pose, presses, shifts = rest_pose(DESIGN, rest), [], []

@@ -43,7 +43,7 @@ BOTH = Recipe(
         ),
         Case(
             name="dome",
-            scene={"body": "dome", "dome": {"pitch_mm": 0.8}, "defects": {"jpeg_quality": 30}},
+            scene={"body": "dome", "defects": {"jpeg_quality": 30}},
             draw={"motion": {"choice": ["move"]}, "pose.press_share": {"uniform": [0.2, 0.3]}},
         ),
     ),

@@ -102,6 +102,7 @@ def test_what_differs_is_said_and_of_a_long_run_every_second_frame_is_kept(
     assert times == pytest.approx(np.arange(3) * 0.04)
 
 
+@pytest.mark.loops
 def test_a_recording_shows_its_video(
     viser_server: Any, dome_run: Path, tmp_path: Path, until: Until
 ) -> None:

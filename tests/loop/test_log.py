@@ -190,6 +190,7 @@ def test_diagnostics_say_what_is_wrong(chain: Path) -> None:
     assert {one.level for one in statuses(read, "slip")} == {0}
 
 
+@pytest.mark.loops
 def test_a_slide_is_an_error_and_a_controller_without_a_target_has_none(tmp_path: Path) -> None:
     weak = {"controller": "conservative", "conservative.force_n": 0.3, "load.forces_n": [0.1, 2.0]}
     slides = {"path": "truth", "duration_s": 0.08, "load.times_s": [0.02, 0.04], **weak}

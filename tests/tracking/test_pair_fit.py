@@ -13,7 +13,8 @@ from chromagrip.render.drawing.supersampled import (
     supersampled_image,
 )
 from chromagrip.tracking import MarkerTracker, Palette
-from chromagrip.tracking.fit.kernels.neighbour_kernels import tie_light
+from chromagrip.tracking.fit.kernels.neighbour_kernels import slopes_of, tie_light
+from chromagrip.tracking.fit.pair_fit import _slope_matrices
 
 from .middle import PALETTE, PLACES, REST, SENSOR, moved
 
@@ -102,6 +103,20 @@ def test_neighbours_tell_of_the_light_as_far_as_it_is_even(
     assert np.mean(after**2 / covariance[:, 2, 2]) == pytest.approx(1.0, abs=0.1)
     # What does not go with the light is left alone.
     np.testing.assert_allclose(fits[:, 0, :2], error[:, :2], atol=1e-15)
+
+
+def test_the_slope_of_the_light_is_that_of_its_logarithm() -> None:
+    """Light exp(a·x + b·y) has the slope (a, b) between any neighbours; a dark pair has none."""
+    rng = np.random.default_rng(4)
+    places = rng.uniform(0.0, 200.0, (40, 2))
+    near = np.ascontiguousarray(KDTree(places).query(places, k=7)[1][:, 1:])
+    gains = np.exp(places @ [0.004, -0.007])[:, None] * [0.5, 1.0, 1.5]
+    gains[near[0, 0], 1] = 0.0
+    slopes = np.empty((40, 2))
+    slopes_of(gains, near, _slope_matrices(places, near), slopes)
+    dark = (near == near[0, 0]).any(axis=1) | (np.arange(40) == near[0, 0])
+    assert np.isnan(slopes[dark]).all()
+    np.testing.assert_allclose(slopes[~dark], [[0.004, -0.007]] * np.sum(~dark), rtol=1e-9)
 
 
 def size_errors(

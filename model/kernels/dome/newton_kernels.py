@@ -46,6 +46,12 @@ class Second(NamedTuple):
 
 
 @njit()
+def nobody(stiff: Stiffening) -> Second:
+    """No second fingertip: a value of the same type, so that one kernel serves both."""
+    return Second(0, np.empty((0, 0), np.float32), np.empty((2, 3)), stiff, 0.0)
+
+
+@njit()
 def solve_contact(
     near: Contact,
     thing: Touched,
@@ -60,7 +66,7 @@ def solve_contact(
     warm: bool,
     system: System,
     outcome: Outcome,
-    second: Second | None = None,
+    second: Second,
 ) -> tuple[float, int, int, int]:
     """Forces at the end of a step, and the object's pose on its free axes.
 
@@ -73,7 +79,7 @@ def solve_contact(
         fingertip, then the force with which both close, and M and `free` are as long
     tolerance: relative change of the forces at which the step is solved
     warm: whether the guess is near the solution: then no node is tried to stick first
-    second: fingertip on the other side; None is no other
+    second: fingertip on the other side, if there are seven axes; else `nobody`
 
     Returns
     -------
@@ -87,7 +93,8 @@ def solve_contact(
     offset = near.offset.reshape(-1)
     at = Pose(pose.old_rotation, pose.old_place, pose.rotation.copy(), pose.place.copy())
     there, firm, part = at, stiff, share
-    if second is not None:
+    pinched = axes == 7
+    if pinched:
         split, firm, part = second.first, second.stiff, second.share
         there = Pose(at.old_rotation, second.place[0].copy(), at.rotation, second.place[1].copy())
     motion = outcome.motion
@@ -111,7 +118,7 @@ def solve_contact(
     secants, former, error = 0, np.inf, _TIGHT if warm else 1.0
     rounds, length = 0, 1.0
     _displace(near.compliance, forces[: 3 * split], offset[: 3 * split], share, u[: 3 * split])
-    if second is not None:
+    if pinched:
         _displace(second.compliance, forces[3 * split :], offset[3 * split :], part, u[3 * split :])
     while True:
         count, touching, residual = 0, 0, 0.0
@@ -142,7 +149,7 @@ def solve_contact(
             if moves:
                 lever(system.arm, free, now, its.place, count)
                 wrench(outcome.true[i], now, its.place, reaction)
-                if second is not None:
+                if pinched:
                     closing(system.arm, outcome.true[i], i < split, reaction, count)
                 true_force(system, outcome.normal[i], near.radial[i], stiffened, count)
             count += 1
@@ -166,7 +173,7 @@ def solve_contact(
                 for c in range(axes):
                     motion[c] -= length * change[3 * gathered + c]
                 _carry(at, pose, motion)
-                if second is not None:
+                if pinched:
                     _close(at, there, second.place[1], motion)
             for k in range(size):
                 u[k] -= length * system.vectors[6, k]
@@ -181,7 +188,7 @@ def solve_contact(
         former = residual
         if not _gathered(system, share, part, active, firsts, count):
             _gather(near.compliance, share, active, firsts, 0, system.block)
-            if second is not None:
+            if pinched:
                 others = count - firsts
                 _gather(second.compliance, part, active[firsts:], others, split, system.second)
         if moves:
@@ -202,12 +209,12 @@ def solve_contact(
             for c in range(axes):
                 motion[c] += change[3 * count + c]
             _carry(at, pose, motion)
-            if second is not None:
+            if pinched:
                 _close(at, there, second.place[1], motion)
         length = 1.0
         x, more = system.vectors[7], system.vectors[6]
         _displace_more(near.compliance, active, firsts, change, share, x, more, u[: 3 * split], 0)
-        if second is not None:
+        if pinched:
             _displace_more(
                 second.compliance, active[firsts:], count - firsts, change[3 * firsts :], part,
                 x[3 * split :], more[3 * split :], u[3 * split :], split,
@@ -310,7 +317,10 @@ def _carry(at: Pose, pose: Pose, motion: Array) -> None:
     """Put the object where its free axes have moved it from the pose at the start."""
     for a in range(3):
         at.place[a] = pose.place[a] + motion[a]
-    at.rotation[:] = turned(pose.rotation, motion[3:])
+    rotation = turned(pose.rotation, motion[3:])
+    for a in range(3):
+        for b in range(3):
+            at.rotation[a, b] = rotation[a, b]
 
 
 @njit()

@@ -5,16 +5,13 @@ from numpy.typing import NDArray
 
 from ....compiled import njit
 from .krylov_kernels import System, invert_three
-from .newton_kernels import solve_contact
+from .newton_kernels import nobody, solve_contact
 from .node_kernels import Contact, Outcome
 from .touch_kernels import Pose, Stiffening, Touched, touch
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Index = NDArray[np.int64]
-
-#: No axis of a pose is free, and so none has inertia.
-_HELD = np.zeros(6, np.bool_)
 
 
 @njit()
@@ -92,10 +89,10 @@ def solve_posed(
     share, power = stiffening_by(law, thing.friction, areas, forces, friction)
     stiff = Stiffening(share, power, law[0])
     # Made here: of another type than those of a step's own caller, they would be another kernel.
-    inertia, wrench = np.zeros((6, 6)), np.zeros(6)
+    held, inertia, wrench = np.zeros(6, np.bool_), np.zeros((6, 6)), np.zeros(6)
     return solve_contact(
-        contact, thing, pose, stiff, 1.0, _HELD, inertia, wrench, tolerance, most_rounds,
-        warm, system, outcome,
+        contact, thing, pose, stiff, 1.0, held, inertia, wrench, tolerance, most_rounds,
+        warm, system, outcome, nobody(stiff),
     )[0]  # fmt: skip
 
 

@@ -14,6 +14,7 @@ import tyro
 
 from ..compiled import cold
 from ..errors import UserError
+from ..folders import prepared
 from ..output.frames import FrameFormat
 from ..output.logs.write import KINDS, LogFormat, require_logs
 from ..output.report import Table, table_lines
@@ -210,6 +211,8 @@ def grasp(
         "answer_within_s": answer_within,
     }
     counted = counting(f"{resolved.controller}, {resolved.path}", "frames")
+    with prepared(out, overwrite):  # a folder that is refused costs no solved tables
+        pass
     with _second_compiler(resolved) if helped else nullcontext(), counted as progress:
         for finger in fingers(resolved):
             prepare_scene(finger, pictures=out is not None or resolved.path == "camera")

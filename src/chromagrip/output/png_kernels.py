@@ -40,10 +40,11 @@ def deflate_rows(rows: Bytes, block: int, out: NDArray[np.uint32]) -> tuple[int,
         for y in range(first, last):
             line = data[(y - first) * (width + 1) : (y - first + 1) * (width + 1)]
             line[0] = _UP
+            now, above, part = rows[y], rows[y - 1], line[1:]
             if y == 0:
-                line[1:] = rows[0]
+                for j in range(width):
+                    part[j] = now[j]
             else:
-                now, above, part = rows[y], rows[y - 1], line[1:]
                 for j in range(width):
                     part[j] = now[j] - above[j]
             total, weighted = np.int64(0), np.int64(0)

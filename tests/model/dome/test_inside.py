@@ -86,6 +86,7 @@ def test_markers_just_under_the_skin_move_as_it_does() -> None:
     assert apart < 0.03 * np.linalg.norm(skin[inner])
 
 
+@pytest.mark.elements
 def test_a_thick_dome_moves_inside_as_a_half_space() -> None:
     """u_z = (1 + ν)·F/(2π·E·ρ)·(z²/ρ² + 2·(1 − ν)) of Boussinesq, from one depth to another."""
     poisson = 0.48

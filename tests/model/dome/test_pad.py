@@ -83,6 +83,7 @@ def test_slopes_are_those_of_the_motion(depth: float) -> None:
         assert slopes[..., k] == pytest.approx(expected, abs=2e-3 * abs(expected).max())
 
 
+@pytest.mark.elements
 def test_a_thin_dome_tends_to_a_pad() -> None:
     """An independent method: finite elements of domes of a radius of 16 and 33 thicknesses."""
     block, found = np.empty((3, 3)), []
@@ -110,6 +111,7 @@ def _axes(angle: float) -> np.ndarray:
     return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
 
 
+@pytest.mark.stages
 def test_a_wide_pressure_and_shear() -> None:
     """Silicone under the middle of a wide patch is squeezed, and shears in proportion to height."""
     pad = Pad(radius=13e-3, thickness=0.8e-3, pitch=0.4e-3)

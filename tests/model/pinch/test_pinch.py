@@ -131,7 +131,7 @@ def swung() -> tuple[np.ndarray, np.ndarray, float, float]:
     and the torsion that friction bears over the normal force [m].
     """
     arm, mass, own, start = 10e-3, 0.01, 1e-6, math.radians(80.0)
-    dome = Dome(young=40e6, pitch=0.14e-3, reach=math.radians(20.0), stiffening=False)
+    dome = Dome(young=40e6, pitch=0.2e-3, reach=math.radians(20.0), stiffening=False)
     body = RigidBody(
         mass=mass, inertia=(own,) * 3, centre=(arm * math.cos(start), arm * math.sin(start), 0.0)
     )

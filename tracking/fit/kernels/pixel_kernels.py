@@ -357,8 +357,10 @@ def outline(
     for k in range(2):
         stretch(optics.shapes[k, m], fits[m, k], shapes[k])
         invert(shapes[k], inverses[k])
-        outlines[k, 0] = fits[m, k, :2]
-        outlines[k, 1:] = shapes[k].T
+        for i in range(2):
+            outlines[k, 0, i] = fits[m, k, i]
+            for j in range(2):
+                outlines[k, 1 + j, i] = shapes[k, i, j]
 
 
 @njit()

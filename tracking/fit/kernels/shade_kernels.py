@@ -149,14 +149,17 @@ def _cover_pair(
     buffer: Array32,
 ) -> None:
     """Compute the coverage of pixels by the layers of a pair and by both."""
-    inverse, outlines = np.empty((2, 2)), np.empty((2, 3, 2))
+    shape, inverse, outlines = np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 3, 2))
     for k in range(2):
         if not present[k]:
             clear(buffer, row_at(_PAIR + k), count)
             continue
-        stretch(optics.shapes[k, m], fits[m, k], inverse)
-        outlines[k, 0], outlines[k, 1:] = fits[m, k, :2], inverse.T
-        invert(outlines[k, 1:].T, inverse)
+        stretch(optics.shapes[k, m], fits[m, k], shape)
+        for i in range(2):
+            outlines[k, 0, i] = fits[m, k, i]
+            for j in range(2):
+                outlines[k, 1 + j, i] = shape[i, j]
+        invert(shape, inverse)
         _cover(outlines[k, 0], inverse, optics.width, row_at(_PAIR + k), count, buffer)
     odds = np.float32(togetherness(outlines[0], outlines[1]) if present.all() else 1.0)
     c0, c1, both = row_at(_PAIR), row_at(_PAIR + 1), row_at(_PAIR + 2)

@@ -50,10 +50,12 @@ def survey(
             visible[m, k] = misfit[m] < limits[m] and present[m, k]
             for i in range(2):
                 moved[m, k, i] = fits[m, k, i] - rest[m, k, i]
-    torn[:] = torn_off(moved, visible, near, apart)
-    on_others[:] = crowded(fits, visible, over, radii[0])
+    strayed = torn_off(moved, visible, near, apart)
+    meeting = crowded(fits, visible, over, radii[0])
     close = crowded(fits, visible, over, radii[1])
     for m in range(len(fits)):
+        for k in range(2):
+            torn[m, k], on_others[m, k] = strayed[m, k], meeting[m, k]
         touching[m] = close[m, 0] or close[m, 1]
         if visible[m, 0] and visible[m, 1]:
             for i in range(2):
