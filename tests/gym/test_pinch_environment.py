@@ -37,6 +37,13 @@ def made(changes: dict[str, Any] | None = None, **options: Any) -> GripEnv:
     return env
 
 
+def test_the_largest_grip_holds_half_the_weight_with_a_margin() -> None:
+    """1.2·(m·g/2)/(µ·(1 − Γ)) with µ = 0.3 and Γ = 0.3, and at least 5 N."""
+    heavy = made({"pinch.mass_g": 800.0}, most_n=None)
+    assert heavy.most_n == pytest.approx(1.2 * 0.4 * 9.81 / (0.3 * 0.7))
+    assert made(most_n=None).most_n == 5.0
+
+
 def rolled(env: GripEnv, forces: list[float]) -> list[Step]:
     return stepped(env, [action(force, 10.0) for force in forces])
 

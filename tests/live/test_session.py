@@ -91,6 +91,8 @@ def test_slippery_objects_have_less_margin_and_a_restart_begins_at_time_0() -> N
     assert rough.field.safety_margin(0.9) > smooth.field.safety_margin(0.4) + 0.2
     assert min(times) == 0.0
     assert times[-1] < 1.0
+    # It never runs ahead of the clock.
+    assert 0.0 < max(one.speed for one in watched.shown) < 1.05
 
 
 def test_wishes_are_checked_like_a_file() -> None:

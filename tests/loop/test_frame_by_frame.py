@@ -56,7 +56,9 @@ def same(one: Sequence[Sample], other: Sequence[Sample]) -> bool:
     return True
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.loops] * (name == "camera")) for name in SCENES]
+)
 def test_a_grasp_that_is_restored_or_reset_has_the_same_bytes(name: str) -> None:
     scene = SCENES[name]
     forces = grips(scene.frames - 1)

@@ -242,9 +242,7 @@ def worn() -> tuple[list[Frame], Palette]:
     return frames, learn_palette(frames[0].image, sight(frames[0].image))
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.stages] * (name != "detect")) for name in NAMES]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.stages) for name in NAMES])
 def test_a_worn_dome_whose_colours_are_learned_is_followed_and_with_others_refused(
     name: str,
 ) -> None:
