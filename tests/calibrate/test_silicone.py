@@ -137,27 +137,51 @@ def test_a_press_holds_the_force_of_a_simulated_contact(
     assert along > 0.1
 
 
-@pytest.mark.stages
-def test_exact_presses_tell_the_silicone(untouched: tuple[Camera, Tracker, Tracks]) -> None:
-    *_, rest = untouched
-    pose, presses, shifts = rest_pose(DESIGN, rest), [], []
-    true, known = nominal_calibration(SPECIMEN), nominal_calibration(DESIGN)
-    pressing = Pressing(true, rest, pose)
-    for depth, pull, twist, radius in ((0.4, 0.15, 0, 0), (0.5, 0, 0, 8), (1.1, 0, 3, 8)):
+def exact(
+    true: SensorDesign, rest: Tracks, *presses: tuple[float, float, float, float]
+) -> SiliconeFit:
+    """A fit from the design to presses of a specimen that are known without an error."""
+    pose, given, shifts = rest_pose(DESIGN, rest), [], []
+    pressing = Pressing(nominal_calibration(true), rest, pose)
+    for depth, pull, twist, radius in presses:
         any_force = Press(name="", normal=1.0, lateral=0.0, radius=1e-3 * radius)
         seen, held = pressing(any_force, own_of(pressing, depth, pull, twist))
-        presses.append(replace(any_force, normal=held[0], lateral=held[1], torque=held[3]))
+        given.append(replace(any_force, normal=held[0], lateral=held[1], torque=held[3]))
         shifts.append(seen)
-    weights = np.diag(np.tile([50.0, 50.0, 500.0], len(presses)))
+    weights = np.diag(np.tile([50.0, 50.0, 500.0], len(given)))
     pairs = len(shifts[0])
     data = Data(
-        presses=presses,
+        presses=given,
         shifts=np.array(shifts),
-        visible=np.ones((len(presses), pairs), np.bool_),
+        visible=np.ones((len(given), pairs), np.bool_),
         tells=np.arange(3),
         weights=np.tile(weights, (pairs, 1, 1)),
     )
-    fit = SiliconeFit(known, rest, pose, data)
+    return SiliconeFit(nominal_calibration(DESIGN), rest, pose, data)
+
+
+def test_the_slopes_of_a_fit_are_its_derivatives(
+    untouched: tuple[Camera, Tracker, Tracks],
+) -> None:
+    """By ln E and the gains, against central differences of another step."""
+    fit = exact(DESIGN, untouched[2], (0.4, 0.15, 0, 0), (0.5, 0, 0, 8))
+    point = fit.start()
+    slopes = fit._slopes(point)
+    for k in range(len(point.x) - fit._young):
+        ends = []
+        for step in (1e-5, -1e-5):
+            x = point.x.copy()
+            x[fit._young + k] += step
+            ends.append(fit.residual(replace(point, x=x)))
+        central = (ends[0] - ends[1]) / 2e-5
+        assert abs(slopes[:, k] - central).max() < 2e-3 * abs(central).max()
+
+
+@pytest.mark.stages
+def test_exact_presses_tell_the_silicone(untouched: tuple[Camera, Tracker, Tracks]) -> None:
+    rest = untouched[2]
+    true, known = nominal_calibration(SPECIMEN), nominal_calibration(DESIGN)
+    fit = exact(SPECIMEN, rest, (0.4, 0.15, 0, 0), (0.5, 0, 0, 8), (1.1, 0, 3, 8))
     point = fit.settled(fit.start(), 12)
     assert fit.values(point.x).core_mm == silicone_of(known).core_mm  # needs the elasticity
     point, covariance, held = fit_silicone(fit, point, 3, lambda text: None)
