@@ -1,6 +1,7 @@
 """Values of a camera file of OpenCV, ROS, Kalibr or NumPy, by one set of names."""
 
 import re
+from contextlib import suppress
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -96,10 +97,13 @@ def _opened(text: str) -> cv2.FileStorage:
         return cv2.FileStorage(text.lstrip(), flags)
     text = re.sub(r"\A(%YAML.*\n)?(\s*---.*\n)?", "", text)
     text = "%YAML:1.0\n---\n" + re.split(r"^(?:---|\.\.\.)", text, flags=re.MULTILINE)[0]
-    try:
-        return cv2.FileStorage(text, flags)
-    except (cv2.error, SystemError):
-        return cv2.FileStorage(re.sub(r"^( *)- ", r"\1  - ", text, flags=re.MULTILINE), flags)
+    for each in (text, re.sub(r"^( *)- ", r"\1  - ", text, flags=re.MULTILINE)):
+        indents = [len(indent) for indent in re.findall(r"^( *)[^ \n#%]", each, re.MULTILINE)[1:]]
+        if indents and min(indents) < indents[0]:  # OpenCV would never come to an end
+            raise UserError("a line of it stands further left than the first one")
+        with suppress(cv2.error, SystemError):
+            return cv2.FileStorage(each, flags)
+    raise SystemError("neither is YAML")
 
 
 def _plain(node: cv2.FileNode) -> Any:

@@ -39,6 +39,8 @@ ATTACKS = {
         "</opencv_storage>",
         "bomb.xml",
     ),
+    "left.yml": ("    - 1\n-\nb:\n", "a line of it stands further left than the first"),
+    "row.yml": ("- 1\n:\n  stamp:\n", "a line of it stands further left than the first"),
     "zip.npz": ("hello", "it cannot be read: File is not a zip file"),
     "list.json": (
         f'{{"K": {MATRIX}, "D": [1], "distortion_model": [1], "image_size": [9, 9]}}',
