@@ -43,6 +43,9 @@ class RegionSettings:
 
 def round_regions(light: Image, settings: RegionSettings) -> tuple[Array, Array]:
     """Centres (n, 2) and areas (n,) of n round regions that are stable over thresholds (MSER)."""
+    least = 3  # pixels in a row or column that MSER takes
+    if min(light.shape) < least:
+        return np.empty((0, 2)), np.empty(0)
     calm = np.asarray(cv2.GaussianBlur(light, (0, 0), settings.calm))
     largest = int(settings.largest_share * light.size)
     # OpenCV 4 ignores the least diversity of nested regions, 5 does not: `_unnested` thins them.

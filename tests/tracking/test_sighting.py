@@ -151,6 +151,8 @@ NOTHING = {
     "slope": np.linspace(flat(0)[:, 0], flat(255)[:, 0], WIDTH, axis=1).astype(np.uint8),
     "few": dotted(np.array([[100.0, 100.0], [140.0, 100.0], [100.0, 140.0]])),
     "anywhere": anywhere(),
+    # Looked at smaller, it is two pixels wide.
+    "strip": np.random.default_rng(5).integers(0, 256, (12_000, 20, 3), np.uint8),
 }
 
 
