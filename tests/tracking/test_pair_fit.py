@@ -16,7 +16,7 @@ from chromagrip.tracking import MarkerTracker, Palette
 from chromagrip.tracking.fit.kernels.neighbour_kernels import slopes_of, tie_light
 from chromagrip.tracking.fit.pair_fit import _slope_matrices
 
-from .middle import PALETTE, PLACES, REST, SENSOR, moved
+from .middle import PALETTE, PLACES, REST, SENSOR, moved, shoot
 
 BLUR, RADIUS, NOISE = 0.9, 6.0, 2.0
 
@@ -183,6 +183,16 @@ def test_sizes_are_right_where_pairs_touch(
         assert error.std(axis=1).max() < 2e-3
     # There is no noise but what the tracker counts with: its own errors are all there is.
     assert np.sqrt(((error / stated) ** 2).mean()) < 1.2
+
+
+def test_a_disc_that_gets_long_and_narrow_keeps_its_size() -> None:
+    """The logarithm of its radius is half that of its area, whatever its form."""
+    tracker = MarkerTracker(PALETTE, NOISE)
+    tracker.reset([shoot(REST, k) for k in range(4)])
+    drawn = Membrane(centres=REST.centres, axes=REST.axes * np.array([[1.2], [1.0 / 1.2], [1.0]]))
+    tracks = tracker.update(shoot(drawn, 9))
+    assert tracks.visible.mean() > 0.95
+    np.testing.assert_allclose(np.nanmedian(tracks.log_size, axis=1), 0.0, atol=3e-3)
 
 
 def polygon_areas(corners: np.ndarray) -> np.ndarray:
