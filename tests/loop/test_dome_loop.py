@@ -93,10 +93,10 @@ def test_an_object_that_gets_slippery_slips() -> None:
 
 
 def test_a_calm_grasp_takes_long_steps_on_the_same_way() -> None:
-    """Silicone that gives way for a while gives way as fast in a step a frame as in steps of 1 ms."""
+    """Silicone that gives way for a while does it as fast in a step a frame as in short ones."""
     creeping = {**HELD, "load__forces_n": [0.25], "duration_s": 0.3, "dome__relaxation_ms": 60.0}
     fine, calm = (ran(**creeping, fingertip__calm_um_per_s=speed).trace for speed in (0.0, 1e3))
-    assert 0.1 < fine["object_mm"][-1] - fine["object_mm"][8]
+    assert fine["object_mm"][-1] - fine["object_mm"][8] > 0.1
     assert calm["object_mm"] == pytest.approx(fine["object_mm"], abs=3e-3)
     assert calm["margin_true"][8:] == pytest.approx(fine["margin_true"][8:], abs=5e-3)
 
