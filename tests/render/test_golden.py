@@ -42,7 +42,7 @@ def test_the_painter_agrees_with_the_path_tracer() -> None:
     """Centres within 0.2 px and colours within 6 ΔE2000, refracted views included."""
     from benchmarks.render.path_traced import against_path_traced
 
-    rows = {row.name: row for row in against_path_traced(quick=True, progress=lambda text: None)}
+    rows = {row.name: row for row in against_path_traced(quick=True)}
     judged = [row for row in rows.values() if row.target is not None]
     assert len(judged) == 9
     assert all(row.met for row in judged), judged
