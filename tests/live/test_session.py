@@ -87,12 +87,15 @@ def test_slippery_objects_have_less_margin_and_a_restart_begins_at_time_0() -> N
         later(watched, 3)
         assert watched.shown[-1].scene.camera.latency_frames == 3
         times = [one.sample.time for one in watched.shown[before:]]
+        speeds = [
+            one.speed for one in watched.shown
+        ]  # the last frame of a session is not waited for
     assert rough.friction == pytest.approx(0.9)
     assert rough.field.safety_margin(0.9) > smooth.field.safety_margin(0.4) + 0.2
     assert min(times) == 0.0
     assert times[-1] < 1.0
     # It never runs ahead of the clock.
-    assert 0.0 < max(one.speed for one in watched.shown) < 1.05
+    assert 0.0 < max(speeds) < 1.05
 
 
 def test_wishes_are_checked_like_a_file() -> None:
