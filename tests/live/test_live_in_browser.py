@@ -113,7 +113,8 @@ def test_sliders_and_a_file_change_the_grasp_on_every_page_and_after_a_reload(
             type_number(second.made, "load [N]", 1.0)
             assert second.made.execute_script("return document.body.scrollWidth") <= 420
         until(lambda: field(made, "load [N]").get_attribute("value") == "1")
-        until(lambda: abs(true_values(made)["friction"] - 1.0) < 0.1)
+        # Frictions of the nodes are not all along the load: their sum is larger.
+        until(lambda: 1.0 < true_values(made)["friction"] < 1.25)
         made.refresh()
         until(lambda: begun(made))
         assert field(made, "load [N]").get_attribute("value") == "1"

@@ -189,7 +189,14 @@ def test_what_has_no_end_is_a_sentence(judged: Judge) -> None:
             os.mkfifo(folder / "1.png")
             judged.call(lambda: list(open_source("given").frames()), names="is no file")
             judged.call(lambda: read_image(Path("given/1.png")), names="is no file")
-    assert judged.refused == 9
+    with judged.files() as folder:
+        (folder / "bag").mkdir()
+        (folder / "bag/metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+        os.mkfifo(folder / "bag/bag.mcap")
+        judged.call(lambda: list(open_source("given/bag").frames()), names="bag.mcap is no file")
+        os.mkfifo(folder / "metadata.yaml")
+        judged.call(lambda: list(open_source("given").frames()))
+    assert judged.refused == 11
 
 
 def test_the_limit_of_a_size_is_chosen(tmp_path: Path, whole: Path) -> None:

@@ -12,6 +12,7 @@ from ..errors import UserError, meant
 from ..extras import need, require
 from ..render import Frame
 from ..stored_pictures import Image, check_pixels
+from ..strange_files import need_file
 from .picture_files import PNG_BEGIN, decoded_picture
 from .source import Source, ValueRange, rated
 
@@ -33,8 +34,11 @@ _ENCODINGS = {
 def is_bag(path: Path) -> bool:
     """Whether a path is that of a bag: by its suffix, or by what its folder holds."""
     if path.is_dir():
-        with suppress(OSError), (path / "metadata.yaml").open("rb") as file:
-            return b"rosbag2_bagfile_information" in file.read(10_000)
+        about = path / "metadata.yaml"
+        with suppress(OSError):
+            if about.is_file():
+                with about.open("rb") as file:
+                    return b"rosbag2_bagfile_information" in file.read(10_000)
         return False
     return path.suffix.lower() in (".mcap", ".db3") and path.is_file()
 
@@ -93,6 +97,8 @@ def _opened(path: Path) -> "Iterator[Reader]":
     require("ros", purpose="reading a bag")
     bags = need("rosbags.rosbag2", "ros")
     try:
+        for each in path.iterdir() if path.is_dir() else [path]:
+            need_file(each, f"bag {path}: {each.name}")
         with bags.Reader(path) as bag:
             yield bag
     except UserError:
