@@ -257,6 +257,20 @@ def test_checked_bounds_are_other_code(package: Package) -> None:
 
 
 @SLOW
+def test_kernels_run_as_python_where_numba_is_told_so() -> None:
+    script = """
+import numpy as np
+from chromagrip.model.kernels.dome.turn_kernels import turned
+print(turned(np.eye(3), np.zeros(3)).trace())
+"""
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", script],
+        env={**ENVIRONMENT, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout == "3.0\n"
+
+
+@SLOW
 def test_what_has_no_digest_is_compiled_at_each_start(tmp_path: Path) -> None:
     script = tmp_path / "kernel.py"
     script.write_text("""

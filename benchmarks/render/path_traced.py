@@ -55,7 +55,7 @@ class Entry(TypedDict):
     body: NotRequired[str]
 
 
-#: Folder of the pictures in a checkout; an installed package has none.
+#: Folder of the pictures.
 FOLDER = Path(__file__).resolve().parents[2] / "fixtures" / "path-traced"
 #: Range of densities that count towards a centre, without shadows.
 _THRESHOLDED = (0.25, 0.75)

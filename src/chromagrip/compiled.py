@@ -52,9 +52,11 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         if folder not in _homes:
             _homes[folder] = next(filter(_make, _places(folder)), None)
         kernel = numba.njit(error_model="numpy", nogil=True, **options)(function)
+        if numba.config.DISABLE_JIT:
+            return kernel  # the function itself
         kernel.get_call_template = _any_values(kernel.get_call_template)
         home = _homes[folder]
-        if home is not None and not numba.config.DISABLE_JIT:
+        if home is not None:
             kernel._cache = _Cache(kernel, home)
         return kernel
 
